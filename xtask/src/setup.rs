@@ -1,0 +1,118 @@
+//! Tools that the checks need, and how they get onto the machine.
+//!
+//! On Debian missing tools are installed with apt-get, announced first. Elsewhere the commands to type are printed and the
+//! check fails: it never passes without its tool.
+
+use std::{env, path::Path, process::Command};
+
+use anyhow::{Context, Result, bail};
+
+use crate::shell::{self, capture, find};
+
+/// A program that a check needs.
+pub struct Tool {
+    /// Names it may have, any of which will do.
+    pub programs: &'static [&'static str],
+    /// Debian package that carries it.
+    pub package: &'static str,
+    /// How to get it on other systems.
+    pub elsewhere: &'static str,
+}
+
+/// Emulates the Cortex-M machines.
+pub const QEMU: Tool = Tool {
+    programs: &["qemu-system-arm"],
+    package: "qemu-system-arm",
+    elsewhere: "Fedora: sudo dnf install qemu-system-arm | Arch: sudo pacman -S qemu-system-arm | macOS: brew install qemu",
+};
+
+/// Opens the HTML viewer in a test.
+pub const CHROMIUM: Tool = Tool {
+    programs: &["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"],
+    package: "chromium",
+    elsewhere: "Fedora: sudo dnf install chromium | Arch: sudo pacman -S chromium | macOS: brew install chromium",
+};
+
+/// Makes sure that every tool in `tools` is there.
+///
+/// # Errors
+/// When one is missing and cannot be installed; the message is the command to type.
+pub fn ensure(tools: &[&Tool]) -> Result<()> {
+    let missing: Vec<&Tool> =
+        tools.iter().copied().filter(|tool| !tool.programs.iter().any(|program| find(program).is_some())).collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    if is_debian() {
+        return apt_install(&missing.iter().map(|tool| tool.package).collect::<Vec<_>>());
+    }
+    let lines: Vec<String> =
+        missing.iter().map(|tool| format!("  {}: {}", tool.programs.join(" or "), tool.elsewhere)).collect();
+    bail!("these programs are missing:\n{}\nInstall them, then run the same command again", lines.join("\n"));
+}
+
+/// Makes sure that cargo's formatter and linter are there.
+///
+/// # Errors
+/// When one is missing and rustup cannot fetch it.
+pub fn ensure_components() -> Result<()> {
+    for (component, subcommand, package) in [("rustfmt", "fmt", "rustfmt-web"), ("clippy", "clippy", "rust-web-clippy")]
+    {
+        let works = || capture(shell::cargo().args([subcommand, "--version"])).is_some();
+        if works() {
+            continue;
+        }
+        if find("rustup").is_some() {
+            announce(&format!("adding rustup component {component}"));
+            shell::run(Command::new("rustup").args(["component", "add", component]).current_dir(shell::root()))?;
+        } else if is_debian() {
+            apt_install(&[package])?;
+        }
+        if !works() {
+            bail!("`cargo {subcommand}` is missing: run `rustup component add {component}`");
+        }
+    }
+    Ok(())
+}
+
+/// True where Debian's package manager is at hand.
+pub fn is_debian() -> bool {
+    Path::new("/etc/debian_version").exists() && find("apt-get").is_some()
+}
+
+/// Installs Debian packages, with `sudo` when not root.
+///
+/// # Errors
+/// When apt-get fails or the user is neither root nor has `sudo`.
+pub fn apt_install(packages: &[&str]) -> Result<()> {
+    let list = packages.join(" ");
+    let by_hand = format!("sudo apt-get update && sudo apt-get install --yes --no-install-recommends {list}");
+    let root = capture(Command::new("id").arg("-u")).as_deref() == Some("0");
+    if !root && find("sudo").is_none() {
+        bail!("Debian packages are missing and this user may not install them. As root run:\n  {by_hand}");
+    }
+    let apt = |arguments: &[&str]| {
+        let mut command = Command::new(if root { "apt-get" } else { "sudo" });
+        if root {
+            command.env("DEBIAN_FRONTEND", "noninteractive");
+        } else {
+            command.args(["env", "DEBIAN_FRONTEND=noninteractive", "apt-get"]);
+        }
+        command.args(arguments);
+        command
+    };
+    announce(&format!("installing Debian packages with apt-get: {list}"));
+    shell::run(&mut apt(&["update"])).with_context(|| format!("by hand:\n  {by_hand}"))?;
+    let install = ["install", "--yes", "--no-install-recommends"];
+    shell::run(apt(&install).args(packages)).with_context(|| format!("by hand:\n  {by_hand}"))
+}
+
+/// Tells what is about to be changed on the machine.
+pub fn announce(what: &str) {
+    eprintln!("setup: {what}");
+}
+
+/// Value of an environment variable, if it is set and not empty.
+pub fn variable(name: &str) -> Option<String> {
+    env::var(name).ok().filter(|value| !value.is_empty())
+}

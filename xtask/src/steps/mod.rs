@@ -1,0 +1,4 @@
+//! Checks that are commands of their own as well as steps of `cargo xtask test`.
+
+pub mod fuzz;
+pub mod twin;

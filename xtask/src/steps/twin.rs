@@ -1,0 +1,49 @@
+//! The digital twin: same requests, same bits on the desktop and on emulated Cortex-M cores.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+
+use crate::{
+    firmware, setup, shell,
+    toolchain::{THUMB_V7, THUMB_V8, Toolchain},
+};
+
+/// Options of `cargo xtask twin`.
+#[derive(Args, Default)]
+pub struct Options {
+    /// Model to embed and run instead of the bundled one.
+    #[arg(long, value_name = "FILE")]
+    pub blob: Option<PathBuf>,
+    /// Also run the Cortex-M33 image (QEMU mps2-an505).
+    #[arg(long)]
+    pub m33: bool,
+    /// Print one machine-readable object as the last line.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Builds the images, runs them in QEMU and compares them with the desktop.
+///
+/// # Errors
+/// When a tool is missing, a build or a run fails, or one bit differs.
+pub fn run(options: &Options) -> Result<()> {
+    setup::ensure(&[&setup::QEMU])?;
+    let toolchain = Toolchain::ensure()?;
+    let images = firmware::build(toolchain, THUMB_V7, options.blob.as_deref())?;
+    let mut compare = shell::cargo();
+    compare.args(["run", "--quiet", "--package", "motionette-twin", "--"]);
+    compare.arg("--image").arg(&images.twin).arg("--check").arg(&images.check);
+    if options.m33 {
+        let images = firmware::build(toolchain, THUMB_V8, options.blob.as_deref())?;
+        compare.arg("--m33-image").arg(&images.twin);
+    }
+    if let Some(blob) = &options.blob {
+        compare.arg("--blob").arg(std::path::absolute(blob)?);
+    }
+    if options.json {
+        compare.arg("--json");
+    }
+    shell::run(&mut compare)
+}

@@ -1,0 +1,130 @@
+//! Which compiler builds the firmware.
+//!
+//! - `native`: the user's own toolchain with the bare-metal targets' precompiled `core`; rustup fetches them.
+//! - `debian`: Debian's matched compiler, cargo and standard-library source, which builds `core` itself, for machines that
+//!   cannot fetch targets. Its version moves with security updates, so it is never pinned.
+//!
+//! `MOTIONETTE_TOOLCHAIN=native|debian` forces one.
+
+use std::{path::Path, process::Command};
+
+use anyhow::{Result, bail};
+
+use crate::{
+    setup::{self, announce},
+    shell::{self, capture, find},
+};
+
+/// Target of the Cortex-M4F and the Cortex-M7.
+pub const THUMB_V7: &str = "thumbv7em-none-eabihf";
+/// Target of the Cortex-M33.
+pub const THUMB_V8: &str = "thumbv8m.main-none-eabihf";
+
+const DEBIAN_PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "lld"];
+const DEBIAN_CARGO: &str = "/usr/bin/cargo";
+const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
+const DEBIAN_SOURCE: &str = "/usr/lib/rustlib/src/rust/library/core/src/lib.rs";
+
+/// A way to compile firmware.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Toolchain {
+    /// The cargo that started this program, with precompiled targets.
+    Native,
+    /// Debian's compiler; builds `core` from source.
+    Debian,
+}
+
+impl Toolchain {
+    /// Finds a compiler for the bare-metal targets, installing what is missing.
+    ///
+    /// # Errors
+    /// When no way works here; the message holds the exact commands.
+    pub fn ensure() -> Result<Self> {
+        match setup::variable("MOTIONETTE_TOOLCHAIN").as_deref() {
+            None if native() => Ok(Self::Native),
+            None if setup::is_debian() => debian(),
+            Some("native") if native() => Ok(Self::Native),
+            Some("debian") => debian(),
+            Some("native") | None => bail!(
+                "the bare-metal targets are missing. With rustup (https://rustup.rs) run:\n  rustup target add {THUMB_V7} {THUMB_V8}"
+            ),
+            Some(other) => bail!("MOTIONETTE_TOOLCHAIN is `{other}`: it may be `native` or `debian`"),
+        }
+    }
+
+    /// `cargo SUBCOMMAND` for a bare-metal `target`, without a working directory.
+    pub fn cargo(self, subcommand: &str, target: &str) -> Command {
+        let mut command = match self {
+            Self::Native => shell::cargo(),
+            Self::Debian => Command::new(DEBIAN_CARGO),
+        };
+        command.arg(subcommand);
+        if self == Self::Debian {
+            let linker = format!("CARGO_TARGET_{}_LINKER", target.to_uppercase().replace(['-', '.'], "_"));
+            command
+                .env("RUSTC", DEBIAN_RUSTC)
+                .env("RUSTC_BOOTSTRAP", "1")
+                .env(linker, "ld.lld")
+                .args(["-Zbuild-std=core,compiler_builtins", "-Zbuild-std-features=compiler-builtins-mem"]);
+        }
+        // The image has its own build folder; the caller's must not be mixed into it.
+        command.env_remove("CARGO_TARGET_DIR").args(["--target", target]);
+        command
+    }
+
+    /// Name of the folder that keeps this compiler's output apart.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Native => "native",
+            Self::Debian => "debian",
+        }
+    }
+}
+
+fn has_target(target: &str) -> bool {
+    let mut rustc = Command::new("rustc");
+    rustc.args(["--print", "target-libdir", "--target", target]).current_dir(shell::root());
+    capture(&mut rustc).is_some_and(|folder| {
+        Path::new(&folder).read_dir().is_ok_and(|mut files| {
+            files.any(|file| file.is_ok_and(|file| file.file_name().to_string_lossy().starts_with("libcore-")))
+        })
+    })
+}
+
+fn native() -> bool {
+    let complete = || has_target(THUMB_V7) && has_target(THUMB_V8);
+    if complete() {
+        return true;
+    }
+    if find("rustup").is_none() {
+        return false;
+    }
+    announce(&format!("adding rustup targets {THUMB_V7} and {THUMB_V8}"));
+    let mut rustup = Command::new("rustup");
+    rustup.args(["target", "add", THUMB_V7, THUMB_V8]).current_dir(shell::root());
+    match shell::run(&mut rustup) {
+        Ok(()) => complete(),
+        Err(error) => {
+            eprintln!("setup: {error:#}");
+            false
+        }
+    }
+}
+
+fn debian() -> Result<Toolchain> {
+    let complete = || {
+        [DEBIAN_CARGO, DEBIAN_RUSTC, DEBIAN_SOURCE].iter().all(|path| Path::new(path).exists())
+            && find("ld.lld").is_some()
+    };
+    if !complete() {
+        if !setup::is_debian() {
+            bail!("MOTIONETTE_TOOLCHAIN=debian needs Debian's packages {}", DEBIAN_PACKAGES.join(" "));
+        }
+        setup::apt_install(&DEBIAN_PACKAGES)?;
+    }
+    if complete() {
+        Ok(Toolchain::Debian)
+    } else {
+        bail!("Debian's {} do not carry what is needed", DEBIAN_PACKAGES.join(" "))
+    }
+}
