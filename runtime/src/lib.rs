@@ -1,2 +1,58 @@
+//! Motion generation that runs inside the robot.
+//!
+//! A firmware author opens a model blob in flash, hands over one static buffer and gets full-body motion that passes
+//! through anchors, in bounded time, with the same bits on every machine.
+//!
+//! ```text
+//! tokens, anchors ──► decoding ──► refining ──► motion
+//!                     VQ decoder   RouteSolver  22 joints at 20 fps
+//! ```
+//!
+//! # Layers, top-down, and what each may not know
+//! - [`generator`]: runs a request through the stages. Owns the arena; knows every module below, none knows it.
+//! - [`plan`]: bytes and work of a request before it runs. Knows sizes, never data.
+//! - [`refining`]: the anchor solver. Knows a differentiable [`refining::MotionMap`], not the decoder behind it.
+//! - [`perception`]: anchors and their validation. Knows frames and joints, not tokens.
+//! - [`decoding`]: token embeddings to motion features, and the gradient back. Knows nothing of anchors.
+//! - [`motion`]: features to joints, and the gradient back. Knows nothing of neural networks.
+//! - [`nn`]: layers with forward and input gradient. Know nothing of the model they stand in.
+//! - [`kernels`]: integer inner loops; the portable ones are the specification.
+//! - [`model`]: a blob opened and resolved to its modules. After [`Model::open`] nothing about it can fail.
+//! - [`blob`]: the model file: format, manifest, checked zero-copy views.
+//! - [`arena`]: the one allocator over the caller's bytes.
+//!
+//! # Features
+//! `default = []`. `defmt`: `defmt::Format` on public types and progress messages; off it costs zero bytes.
+//!
+//! # Numerics
+//! Weights int8 (root rows int16), activations int16, accumulators int32; floating point only as single IEEE
+//! operations in a written order, so that every target computes the same bits.
 #![no_std]
-//! placeholder
+#![deny(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+#[cfg(target_endian = "big")]
+compile_error!("motionette reads little-endian weights in place; big-endian targets are not supported");
+
+pub mod arena;
+pub mod blob;
+pub mod decoding;
+pub mod generator;
+pub mod hash;
+pub mod kernels;
+pub mod model;
+pub mod motion;
+pub mod nn;
+pub mod perception;
+pub mod plan;
+pub mod refining;
+
+pub use model::Model;
+pub use generator::{Error, Flow, Generator, Motion, Observer, Progress, Request, Source, Stage};
+pub use perception::anchors::{Anchor, Target};
+pub use plan::{Limits, Plan};
+
+/// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).
+pub const JOINTS: usize = 22;

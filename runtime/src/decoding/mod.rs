@@ -1,0 +1,4 @@
+//! Tokens to motion features: codebooks and the convolutional VQ decoder, with the gradient back to the embeddings.
+
+pub mod codebook;
+pub mod decoder;

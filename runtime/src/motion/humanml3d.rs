@@ -1,0 +1,191 @@
+//! HumanML3D's representation: which channels give joint positions, how, and the gradient back.
+//!
+//! With `a[t] = sum_{s<t} w[s]`, `th = 2 a` (the stored yaw velocity is a half angle) and `R(th)(x, z) =
+//! (x cos th - z sin th, x sin th + z cos th)`:
+//! `p_xz[t] = sum_{s<t} R(th[s+1]) v[s]`, `p_y[t] = h[t]`, `joint_j[t] = R(th[t]) local_j[t] + (p_x, 0, p_z)[t]`.
+
+use crate::JOINTS;
+use crate::nn::output::Channels;
+
+/// Channels of the representation.
+pub const FEATURES: usize = 263;
+/// Yaw velocity, planar velocity x and z, height.
+pub const ROOT_CHANNELS: usize = 4;
+/// Channels that joint positions depend on.
+pub const POSITION_CHANNELS: usize = ROOT_CHANNELS + 3 * (JOINTS - 1);
+
+const YAW: usize = 0;
+const VELOCITY_X: usize = 1;
+const VELOCITY_Z: usize = 2;
+const HEIGHT: usize = 3;
+
+/// First of the three channels of a joint's local position; joint 0 is the root and has none.
+#[must_use]
+pub const fn local_channel(joint: usize) -> usize {
+    ROOT_CHANNELS + 3 * joint.saturating_sub(1)
+}
+
+/// The channels needed for the positions of the joints whose bit is set in `joints`.
+#[must_use]
+pub fn channels(joints: u32) -> Channels {
+    let mut channels = Channels::new();
+    // 22 joints make at most 12 ranges, half of what fits.
+    channels.push(0, ROOT_CHANNELS);
+    for joint in 1..JOINTS {
+        if (joints >> joint) & 1 == 1 {
+            channels.push(local_channel(joint), 3);
+        }
+    }
+    channels
+}
+
+/// Root path of a motion and the buffers of its gradient, one value a frame each.
+#[derive(Debug)]
+pub struct Path<'a> {
+    /// `cos th`
+    pub cos: &'a mut [f32],
+    /// `sin th`
+    pub sin: &'a mut [f32],
+    /// Root x, metres.
+    pub x: &'a mut [f32],
+    /// Root z, metres.
+    pub z: &'a mut [f32],
+    /// dJ/dth
+    pub d_angle: &'a mut [f32],
+    /// dJ/dx of the root
+    pub d_x: &'a mut [f32],
+    /// dJ/dz of the root
+    pub d_z: &'a mut [f32],
+}
+
+/// Normalised features of some channels and what undoes the normalisation.
+#[derive(Debug, Clone, Copy)]
+pub struct Features<'a> {
+    /// `[T][C]`
+    pub values: &'a [f32],
+    /// The `C` channels; the root's come first.
+    pub channels: &'a Channels,
+    /// `[F]`
+    pub mean: &'a [f32],
+    /// `[F]`
+    pub std: &'a [f32],
+}
+
+/// Scale and offset of one channel.
+fn constants(mean: &[f32], std: &[f32], channel: usize) -> (f32, f32) {
+    (std.get(channel).copied().unwrap_or(0.0), mean.get(channel).copied().unwrap_or(0.0))
+}
+
+impl Features<'_> {
+    fn width(&self) -> usize {
+        self.channels.count().max(1)
+    }
+
+    fn root(&self, row: &[f32], channel: usize) -> f32 {
+        let (std, mean) = constants(self.mean, self.std, channel);
+        row.get(channel).copied().unwrap_or(0.0) * std + mean
+    }
+
+    /// Integrates the root: fills `path`'s angle and position of every frame.
+    pub fn integrate(&self, path: &mut Path<'_>) {
+        let (mut angle, mut x, mut z) = (0.0f32, 0.0f32, 0.0f32);
+        let (mut cos, mut sin) = (1.0f32, 0.0f32);
+        let out = path.cos.iter_mut().zip(path.sin.iter_mut()).zip(path.x.iter_mut().zip(path.z.iter_mut()));
+        for (row, ((cos_out, sin_out), (x_out, z_out))) in self.values.chunks_exact(self.width()).zip(out) {
+            (*cos_out, *sin_out, *x_out, *z_out) = (cos, sin, x, z);
+            angle += self.root(row, YAW);
+            let full = 2.0 * angle;
+            (cos, sin) = (libm::cosf(full), libm::sinf(full));
+            let (vx, vz) = (self.root(row, VELOCITY_X), self.root(row, VELOCITY_Z));
+            x += vx * cos - vz * sin;
+            z += vx * sin + vz * cos;
+        }
+    }
+
+    /// Local position of `joint >= 1` at `frame`, metres, in the root's frame.
+    fn local(&self, joint: usize, frame: usize) -> Option<[f32; 3]> {
+        let channel = local_channel(joint);
+        let column = self.channels.position(channel)?;
+        let start = frame * self.width() + column;
+        let values = self.values.get(start..start + 3)?;
+        let mut local = [0.0; 3];
+        for (axis, (to, from)) in local.iter_mut().zip(values).enumerate() {
+            let (std, mean) = constants(self.mean, self.std, channel + axis);
+            *to = *from * std + mean;
+        }
+        Some(local)
+    }
+
+    /// Position of a joint, metres. A joint whose channels were not selected, or a frame out of range, gives zeros.
+    #[must_use]
+    pub fn position(&self, path: &Path<'_>, joint: usize, frame: usize) -> [f32; 3] {
+        let (Some(&x), Some(&z)) = (path.x.get(frame), path.z.get(frame)) else { return [0.0; 3] };
+        if joint == 0 {
+            let row = self.values.get(frame * self.width()..).unwrap_or(&[]);
+            return [x, self.root(row, HEIGHT), z];
+        }
+        let (Some(&cos), Some(&sin)) = (path.cos.get(frame), path.sin.get(frame)) else { return [0.0; 3] };
+        let Some([lx, ly, lz]) = self.local(joint, frame) else { return [0.0; 3] };
+        [lx * cos - lz * sin + x, ly, lx * sin + lz * cos + z]
+    }
+
+    /// Adds `d = dJ/dposition` of a joint: local channels go into `g [T][C]` at once (normalised), the root's share
+    /// into `path` until [`Features::integrate_gradient`].
+    pub fn add_gradient(&self, path: &mut Path<'_>, g: &mut [f32], joint: usize, frame: usize, d: [f32; 3]) {
+        let [dx, dy, dz] = d;
+        let (Some(sum_x), Some(sum_z)) = (path.d_x.get_mut(frame), path.d_z.get_mut(frame)) else { return };
+        *sum_x += dx;
+        *sum_z += dz;
+        let row = frame * self.width();
+        if joint == 0 {
+            if let Some(g) = g.get_mut(row + HEIGHT) {
+                *g += dy * constants(self.mean, self.std, HEIGHT).0;
+            }
+            return;
+        }
+        let channel = local_channel(joint);
+        let Some(column) = self.channels.position(channel) else { return };
+        let (Some(&cos), Some(&sin)) = (path.cos.get(frame), path.sin.get(frame)) else { return };
+        let Some([lx, _, lz]) = self.local(joint, frame) else { return };
+        let local = [dx * cos + dz * sin, dy, dz * cos - dx * sin];
+        for (axis, d) in local.into_iter().enumerate() {
+            if let Some(g) = g.get_mut(row + column + axis) {
+                *g += d * constants(self.mean, self.std, channel + axis).0;
+            }
+        }
+        if let Some(angle) = path.d_angle.get_mut(frame) {
+            let (rx, rz) = (lx * cos - lz * sin, lx * sin + lz * cos);
+            *angle += dz * rx - dx * rz;
+        }
+    }
+
+    /// Carries the root's gradient back through time into the root channels of `g [T][C]` (suffix sums).
+    pub fn integrate_gradient(&self, path: &Path<'_>, g: &mut [f32]) {
+        let width = self.width();
+        // Gradients with respect to position and half angle of all later frames.
+        let (mut sum_x, mut sum_z, mut sum_angle) = (0.0f32, 0.0f32, 0.0f32);
+        let frames = self.values.len() / width;
+        for s in (0..frames).rev() {
+            let Some(row) = self.values.get(s * width..(s + 1) * width) else { continue };
+            let next = s + 1;
+            if let (Some(dx), Some(dz), Some(da)) =
+                (path.d_x.get(next), path.d_z.get(next), path.d_angle.get(next))
+                && next < frames
+            {
+                sum_x += *dx;
+                sum_z += *dz;
+                let (cos, sin) =
+                    (path.cos.get(next).copied().unwrap_or(1.0), path.sin.get(next).copied().unwrap_or(0.0));
+                let (vx, vz) = (self.root(row, VELOCITY_X), self.root(row, VELOCITY_Z));
+                let (rx, rz) = (vx * cos - vz * sin, vx * sin + vz * cos);
+                sum_angle += 2.0 * (*da + sum_z * rx - sum_x * rz);
+                let d = [(YAW, sum_angle), (VELOCITY_X, sum_x * cos + sum_z * sin), (VELOCITY_Z, sum_z * cos - sum_x * sin)];
+                for (channel, d) in d {
+                    if let Some(g) = g.get_mut(s * width + channel) {
+                        *g += d * constants(self.mean, self.std, channel).0;
+                    }
+                }
+            }
+        }
+    }
+}

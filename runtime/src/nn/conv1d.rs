@@ -1,0 +1,322 @@
+//! 1-D convolution, int8 weights, int16 rows: forward, upsampled forward, and input gradient of both.
+//!
+//! `y[t][n] = s[n] * sum_tap a_tap(t)[n] + b[n]`, `a_tap(t)[n] = sx[r] * sum_k q[r][k] w[tap][n][k]`, `r = t + (tap - c) d`,
+//! `c` the middle tap, `d` the dilation, rows outside the sequence left out. The inner sum is int32; taps are added
+//! in f32 in tap order, starting from zero.
+
+use super::quantise;
+use crate::blob::{DType, Error, Tensors};
+use crate::kernels::{linear_s16s8, linear_transposed_s16s8};
+
+/// Rows that a layer multiplies at a time: weights are read once for so many rows.
+pub const BLOCK: usize = 4;
+
+/// A convolution layer in flash.
+#[derive(Debug, Clone, Copy)]
+pub struct Conv1d<'a> {
+    /// Kernel size: 1 or 3.
+    taps: usize,
+    /// Distance of neighbouring taps, rows.
+    dilation: usize,
+    /// Input channels `K`.
+    inputs: usize,
+    /// Output channels `N`.
+    outputs: usize,
+    /// `[taps][N][K]`
+    weights: &'a [i8],
+    /// `[N]`
+    scales: &'a [f32],
+    /// `[N]`
+    biases: &'a [f32],
+}
+
+/// Shape of a layer to be read from a blob.
+#[derive(Debug, Clone, Copy)]
+pub struct Shape {
+    /// Kernel size.
+    pub taps: u16,
+    /// Distance of neighbouring taps, rows.
+    pub dilation: u8,
+    /// Input channels.
+    pub inputs: u16,
+    /// Output channels.
+    pub outputs: u16,
+}
+
+/// Quantised rows: `x[r][k] ~ q[r][k] * scales[r]`.
+#[derive(Debug, Clone, Copy)]
+pub struct Rows<'a> {
+    /// `[R][K]`
+    pub q: &'a [i16],
+    /// `[R]`
+    pub scales: &'a [f32],
+}
+
+impl<'a> Rows<'a> {
+    /// `count` rows of `width` channels from row `first` on; fewer where the sequence ends.
+    #[inline]
+    fn window(&self, first: usize, count: usize, width: usize) -> Rows<'a> {
+        let q = self.q.get(first * width..).unwrap_or(&[]);
+        let scales = self.scales.get(first..).unwrap_or(&[]);
+        Rows { q: q.get(..count * width).unwrap_or(q), scales: scales.get(..count).unwrap_or(scales) }
+    }
+}
+
+impl<'a> Conv1d<'a> {
+    /// Reads weights, scales and biases from the next tensors.
+    ///
+    /// # Errors
+    /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
+    pub fn open(tensors: &mut Tensors<'a>, shape: Shape) -> Result<Self, Error> {
+        let Shape { taps, dilation, inputs, outputs } = shape;
+        let weights = tensors.take()?.bytes([taps, outputs, inputs])?;
+        let scales = tensors.take()?.scales(outputs)?;
+        let biases = tensors.take()?.singles(outputs)?;
+        Ok(Conv1d {
+            taps: usize::from(taps),
+            dilation: usize::from(dilation),
+            inputs: usize::from(inputs),
+            outputs: usize::from(outputs),
+            weights,
+            scales,
+            biases,
+        })
+    }
+
+    /// Output channels.
+    #[must_use]
+    pub const fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    /// Input channels.
+    #[must_use]
+    pub const fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Multiply-accumulates for one output row whose taps all lie inside.
+    #[must_use]
+    pub const fn macs(&self) -> u64 {
+        (self.taps * self.inputs * self.outputs) as u64
+    }
+
+    /// A bound of `|y|` when `|x| <= input` (row norms of the weights).
+    #[must_use]
+    pub fn bound(&self, input: f32) -> f32 {
+        let mut bound = 0.0f32;
+        for (n, (scale, bias)) in self.scales.iter().zip(self.biases).enumerate() {
+            let mut norm = 0u32;
+            for tap in 0..self.taps {
+                norm += weight_norm(self.tap(tap).get(n * self.inputs..(n + 1) * self.inputs));
+            }
+            bound = larger(bound, row_bound(norm as f32, input, *scale, *bias));
+        }
+        bound
+    }
+
+    /// Weights `[N][K]` of one tap.
+    #[inline]
+    fn tap(&self, tap: usize) -> &'a [i8] {
+        let size = self.outputs * self.inputs;
+        self.weights.get(tap * size..(tap + 1) * size).unwrap_or(&[])
+    }
+
+    /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds. `acc` has room for [`BLOCK`] `* N`.
+    pub fn forward(&self, x: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
+        let (width, rows) = (self.outputs, x.scales.len());
+        for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {
+            let first = first + block * BLOCK;
+            out.fill(0.0);
+            for tap in 0..self.taps {
+                let Some(span) = Span::new(first, out.len() / width.max(1), rows, self.offset(tap)) else { continue };
+                let x = x.window(span.source, span.rows, self.inputs);
+                let out = out.get_mut(span.skip * width..).unwrap_or(&mut []);
+                linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
+                add_scaled(out, acc, x.scales, width);
+            }
+            self.finish(out);
+        }
+    }
+
+    /// Computes the convolution of `x` with every row repeated twice, `out [2 R][N]`. A row's products serve both its
+    /// copies, so this costs half of what the repeated sequence would, with the same bits.
+    pub fn forward_upsampled(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
+        let (width, rows) = (self.outputs, x.scales.len());
+        out.fill(0.0);
+        for tap in 0..self.taps {
+            let weights = self.tap(tap);
+            for first in (0..rows).step_by(BLOCK) {
+                let x = x.window(first, BLOCK, self.inputs);
+                linear_s16s8(x.q, weights, self.inputs, width, acc);
+                for (r, (acc, scale)) in acc.chunks_exact(width.max(1)).zip(x.scales).enumerate() {
+                    // Copies 2 s and 2 s + 1 of row s reach the outputs that are `tap - 1` rows before them.
+                    let Some(start) = (2 * (first + r) + self.middle()).checked_sub(tap) else {
+                        let out = out.get_mut(..width).unwrap_or(&mut []);
+                        add_scaled(out, acc, core::slice::from_ref(scale), width);
+                        continue;
+                    };
+                    for copy in start..start + 2 {
+                        let out = out.get_mut(copy * width..(copy + 1) * width).unwrap_or(&mut []);
+                        add_scaled(out, acc, core::slice::from_ref(scale), width);
+                    }
+                }
+            }
+        }
+        for out in out.chunks_exact_mut(width.max(1)) {
+            self.finish(out);
+        }
+    }
+
+    /// Quantises gradients `g [R][N]` with the output scales folded in, which is what the backward passes read.
+    pub fn quantise_gradient(&self, g: &[f32], q: &mut [i16], scales: &mut [f32], row: &mut [f32]) {
+        let width = self.outputs.max(1);
+        let limit = quantise::limit(self.outputs);
+        let row = row.get_mut(..width).unwrap_or(&mut []);
+        for ((g, q), scale) in g.chunks_exact(width).zip(q.chunks_exact_mut(width)).zip(scales) {
+            for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
+                *row = *g * *s;
+            }
+            *scale = quantise::row(row, q, limit);
+        }
+    }
+
+    /// Input gradient: rows `first..` of `dJ/dx`, as many as `out [B][K]` holds, from quantised gradients `g [R][N]`.
+    pub fn backward(&self, g: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
+        let (width, rows) = (self.inputs, g.scales.len());
+        for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {
+            let first = first + block * BLOCK;
+            out.fill(0.0);
+            for tap in 0..self.taps {
+                let Some(span) = Span::new(first, out.len() / width.max(1), rows, -self.offset(tap)) else { continue };
+                let g = g.window(span.source, span.rows, self.outputs);
+                let out = out.get_mut(span.skip * width..).unwrap_or(&mut []);
+                linear_transposed_s16s8(g.q, self.tap(tap), width, self.outputs, acc);
+                add_scaled(out, acc, g.scales, width);
+            }
+        }
+    }
+
+    /// Input gradient of [`Conv1d::forward_upsampled`], in place: `g [2 R][N]` becomes `dJ/dx [R][K]` in its first
+    /// rows (`N = K`). The two copies' gradients are added before they are quantised.
+    pub fn backward_upsampled(&self, g: &mut [f32], block: &mut GradientBlock<'_>, acc: &mut [i32]) {
+        let width = self.outputs.max(1);
+        if self.inputs != self.outputs {
+            return;
+        }
+        let copies = g.len() / width;
+        for first in (0..copies / 2).step_by(BLOCK) {
+            let count = (copies / 2 - first).min(BLOCK);
+            block.sums.fill(0.0);
+            for tap in 0..self.taps {
+                for r in 0..count {
+                    let row = block.row.get_mut(..width).unwrap_or(&mut []);
+                    row.fill(0.0);
+                    for copy in 0..2 {
+                        let Some(t) = (2 * (first + r) + copy + self.middle()).checked_sub(tap) else { continue };
+                        let g = g.get(t * width..(t + 1) * width).unwrap_or(&[]);
+                        for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
+                            *row += *g * *s;
+                        }
+                    }
+                    let q = block.q.get_mut(r * width..(r + 1) * width).unwrap_or(&mut []);
+                    if let Some(scale) = block.scales.get_mut(r) {
+                        *scale = quantise::row(row, q, quantise::limit(width));
+                    }
+                }
+                let q = block.q.get(..count * width).unwrap_or(&[]);
+                linear_transposed_s16s8(q, self.tap(tap), width, width, acc);
+                add_scaled(block.sums, acc, block.scales.get(..count).unwrap_or(&[]), width);
+            }
+            // Rows up to 2 (first + count) are done with before row first + count - 1 is overwritten.
+            for (to, from) in g.iter_mut().skip(first * width).zip(block.sums.iter().take(count * width)) {
+                *to = *from;
+            }
+        }
+    }
+
+    /// Row offset of a tap.
+    #[inline]
+    const fn offset(&self, tap: usize) -> isize {
+        (tap as isize - self.middle() as isize) * self.dilation as isize
+    }
+
+    #[inline]
+    const fn middle(&self) -> usize {
+        self.taps / 2
+    }
+
+    #[inline]
+    fn finish(&self, out: &mut [f32]) {
+        for out in out.chunks_exact_mut(self.outputs.max(1)) {
+            for ((y, scale), bias) in out.iter_mut().zip(self.scales).zip(self.biases) {
+                *y = *y * *scale + *bias;
+            }
+        }
+    }
+}
+
+/// Scratch of [`Conv1d::backward_upsampled`].
+#[derive(Debug)]
+pub struct GradientBlock<'a> {
+    /// `[N]`
+    pub row: &'a mut [f32],
+    /// `[BLOCK][N]`
+    pub sums: &'a mut [f32],
+    /// `[BLOCK][N]`
+    pub q: &'a mut [i16],
+    /// `[BLOCK]`
+    pub scales: &'a mut [f32],
+}
+
+/// The rows of a block that have a source row at some offset.
+struct Span {
+    /// Rows of the block before the first that has one.
+    skip: usize,
+    /// First source row.
+    source: usize,
+    /// How many.
+    rows: usize,
+}
+
+impl Span {
+    fn new(first: usize, count: usize, rows: usize, offset: isize) -> Option<Span> {
+        let start = first.saturating_add_signed(offset);
+        let skip = if offset < 0 { offset.unsigned_abs().saturating_sub(first) } else { 0 };
+        let end = (first + count).checked_add_signed(offset)?;
+        let end = if end > rows { rows } else { end };
+        if skip >= count || end <= start { None } else { Some(Span { skip, source: start, rows: end - start }) }
+    }
+}
+
+/// `out[r][n] += acc[r][n] * scales[r]`.
+#[inline]
+pub(super) fn add_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: usize) {
+    let width = width.max(1);
+    for ((out, acc), scale) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(scales) {
+        for (y, a) in out.iter_mut().zip(acc) {
+            *y += *a as f32 * *scale;
+        }
+    }
+}
+
+/// Sum of magnitudes.
+pub(super) fn weight_norm(weights: Option<&[i8]>) -> u32 {
+    weights.unwrap_or(&[]).iter().fold(0, |sum, w| sum + u32::from(w.unsigned_abs()))
+}
+
+/// A bound of one output channel; infinite when the sum before its scale could overflow.
+pub(super) fn row_bound(norm: f32, input: f32, scale: f32, bias: f32) -> f32 {
+    let sum = norm * input;
+    if sum < 1e36 { sum * scale + bias.abs() } else { f32::INFINITY }
+}
+
+/// The larger of two numbers, the first when they do not compare.
+pub(crate) fn larger(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
+}
+
+/// Whether the next tensor holds int16 planes.
+pub(super) fn planes_follow(tensors: &Tensors<'_>) -> bool {
+    tensors.peek() == Some(DType::I16Planes)
+}

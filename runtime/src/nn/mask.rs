@@ -1,0 +1,52 @@
+//! One bit an activation: whether a ReLU let it through, kept for the input gradient.
+
+/// Words that hold `bits` bits.
+#[must_use]
+pub const fn words(bits: usize) -> usize {
+    bits.div_ceil(32)
+}
+
+/// `x <- relu(x)`; bit k of `mask` says whether `x[k]` was positive.
+pub fn relu(x: &mut [f32], mask: &mut [u32]) {
+    for (x, mask) in x.chunks_mut(32).zip(mask) {
+        let mut bits = 0u32;
+        for (k, v) in x.iter_mut().enumerate() {
+            if *v > 0.0 {
+                bits |= 1 << k;
+            } else {
+                *v = 0.0;
+            }
+        }
+        *mask = bits;
+    }
+}
+
+/// `g <- g` where the ReLU let through, 0 elsewhere.
+pub fn gate(g: &mut [f32], mask: &[u32]) {
+    for (g, mask) in g.chunks_mut(32).zip(mask) {
+        for (k, v) in g.iter_mut().enumerate() {
+            if (*mask >> k) & 1 == 0 {
+                *v = 0.0;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    #[test]
+    fn gate_follows_relu() {
+        let x: Vec<f32> = (0..71).map(|i| ((i * 37 % 71) as f32) - 35.0).collect();
+        let (mut y, mut bits) = (x.clone(), [0u32; words(71)]);
+        relu(&mut y, &mut bits);
+        let mut g = std::vec![1.0f32; 71];
+        gate(&mut g, &bits);
+        for ((x, y), g) in x.iter().zip(&y).zip(&g) {
+            assert_eq!(*y, if *x > 0.0 { *x } else { 0.0 });
+            assert_eq!(*g, if *x > 0.0 { 1.0 } else { 0.0 });
+        }
+    }
+}

@@ -1,0 +1,10 @@
+//! Layers over quantised rows: forward, and input gradient where the solver needs it.
+//!
+//! Layout is channels-last: a sequence is `[rows][channels]`. A layer quantises its input rows to int16 with one
+//! dynamic scale a row, multiplies in integers, and writes f32 rows.
+
+pub mod conv1d;
+pub mod mask;
+pub mod quantise;
+pub mod output;
+pub mod residual;

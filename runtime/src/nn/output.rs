@@ -1,0 +1,343 @@
+//! The last convolution, k3: evaluates only the feature channels a request needs, and keeps its leading rows in int16.
+//!
+//! Root velocities integrate over time, so their rows are stored with 16 bits, as two int8 planes: no kernel is added
+//! (`acc = 256 acc_high + acc_low`, combined in f32) and nothing overflows.
+
+use super::conv1d::{BLOCK, Rows, Shape, add_scaled, larger, planes_follow, row_bound, weight_norm};
+use super::quantise;
+use crate::blob::{Error, Tensors};
+use crate::kernels::{linear_s16s8, linear_transposed_s16s8};
+use heapless::Vec;
+
+/// Ranges of channels that one request may select.
+pub const MAX_RANGES: usize = 24;
+
+/// Adjoining output channels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Range {
+    /// First channel of the layer.
+    pub first: usize,
+    /// Number of channels.
+    pub count: usize,
+}
+
+/// The channels that a request needs, in ascending order.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Channels {
+    ranges: Vec<Range, MAX_RANGES>,
+    count: usize,
+}
+
+impl Channels {
+    /// No channels yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Channels { ranges: Vec::new(), count: 0 }
+    }
+
+    /// Appends `count` channels from `first` on, which must not lie before those already there; they are joined to the
+    /// last range when they follow it. Returns false when there is no room for another range.
+    pub fn push(&mut self, first: usize, count: usize) -> bool {
+        if count == 0 {
+            return true;
+        }
+        if let Some(last) = self.ranges.last_mut()
+            && last.first + last.count == first
+        {
+            last.count += count;
+            self.count += count;
+            return true;
+        }
+        let pushed = self.ranges.push(Range { first, count }).is_ok();
+        if pushed {
+            self.count += count;
+        }
+        pushed
+    }
+
+    /// How many channels are selected.
+    #[must_use]
+    pub const fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Position of `channel` among the selected ones.
+    #[must_use]
+    pub fn position(&self, channel: usize) -> Option<usize> {
+        let mut before = 0;
+        for range in &self.ranges {
+            if channel >= range.first && channel < range.first + range.count {
+                return Some(before + channel - range.first);
+            }
+            before += range.count;
+        }
+        None
+    }
+
+    /// The ranges.
+    pub fn ranges(&self) -> impl Iterator<Item = Range> + '_ {
+        self.ranges.iter().copied()
+    }
+}
+
+/// Convolution to the features, in flash.
+#[derive(Debug, Clone, Copy)]
+pub struct Output<'a> {
+    taps: usize,
+    inputs: usize,
+    outputs: usize,
+    /// Leading output channels with int16 weights.
+    wide: usize,
+    /// `[taps][wide][K]`
+    high: &'a [i8],
+    /// `[taps][wide][K]`
+    low: &'a [i8],
+    /// `[taps][N - wide][K]`
+    weights: &'a [i8],
+    scales: &'a [f32],
+    biases: &'a [f32],
+}
+
+/// Scratch of one call.
+#[derive(Debug)]
+pub struct Scratch<'a> {
+    /// One row of selected channels, `[C]`.
+    pub row: &'a mut [f32],
+    /// The same quantised, `[C]`.
+    pub q: &'a mut [i16],
+    /// `[BLOCK][max(C, K)]`
+    pub acc: &'a mut [i32],
+    /// `[BLOCK][max(wide, K)]`
+    pub acc_low: &'a mut [i32],
+}
+
+impl<'a> Output<'a> {
+    /// Reads planes (if the layer has int16 rows), int8 rows, scales and biases from the next tensors.
+    ///
+    /// # Errors
+    /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
+    pub fn open(tensors: &mut Tensors<'a>, shape: Shape) -> Result<Self, Error> {
+        let Shape { taps, inputs, outputs, .. } = shape;
+        let (mut wide, mut high, mut low): (u16, &[i8], &[i8]) = (0, &[], &[]);
+        if planes_follow(tensors) {
+            let tensor = tensors.take()?;
+            let [_, rows, _] = tensor.entry.shape;
+            wide = if rows > outputs { outputs } else { rows };
+            (high, low) = tensor.planes([taps, wide, inputs])?;
+        }
+        let weights: &[i8] =
+            if wide == outputs { &[] } else { tensors.take()?.bytes([taps, outputs - wide, inputs])? };
+        let scales = tensors.take()?.scales(outputs)?;
+        let biases = tensors.take()?.singles(outputs)?;
+        Ok(Output {
+            taps: usize::from(taps),
+            inputs: usize::from(inputs),
+            outputs: usize::from(outputs),
+            wide: usize::from(wide),
+            high,
+            low,
+            weights,
+            scales,
+            biases,
+        })
+    }
+
+    /// Output channels in all.
+    #[must_use]
+    pub const fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    /// Leading output channels with int16 weights.
+    #[must_use]
+    pub const fn wide(&self) -> usize {
+        self.wide
+    }
+
+    /// A bound of `|y|` when `|x| <= input`.
+    #[must_use]
+    pub fn bound(&self, input: f32) -> f32 {
+        let mut bound = 0.0f32;
+        for (n, (scale, bias)) in self.scales.iter().zip(self.biases).enumerate() {
+            let mut norm = 0.0f32;
+            for tap in 0..self.taps {
+                let one = Range { first: n, count: 1 };
+                norm += if n < self.wide {
+                    256.0 * weight_norm(Some(self.rows(self.high, self.wide, tap, one))) as f32
+                        + weight_norm(Some(self.rows(self.low, self.wide, tap, one))) as f32
+                } else {
+                    let one = Range { first: n - self.wide, count: 1 };
+                    weight_norm(Some(self.rows(self.weights, self.outputs - self.wide, tap, one))) as f32
+                };
+            }
+            bound = larger(bound, row_bound(norm, input, *scale, *bias));
+        }
+        bound
+    }
+
+    /// Multiply-accumulates for one row of `channels` whose taps all lie inside; int16 rows count twice.
+    #[must_use]
+    pub fn macs(&self, channels: &Channels) -> u64 {
+        let mut rows = 0;
+        for range in channels.ranges() {
+            let (wide, narrow) = self.split(range);
+            rows += 2 * wide.count + narrow.count;
+        }
+        (self.taps * self.inputs * rows) as u64
+    }
+
+    /// Computes `channels` of all rows: `out [R][C]`, `C = channels.count()`.
+    pub fn forward(&self, x: Rows<'_>, channels: &Channels, out: &mut [f32], scratch: &mut Scratch<'_>) {
+        let width = channels.count().max(1);
+        let rows = x.scales.len();
+        out.fill(0.0);
+        for tap in 0..self.taps {
+            for first in (0..rows).step_by(BLOCK) {
+                // Source row r serves output row r + middle - tap; the first rows may serve none.
+                let shift = self.taps / 2;
+                let skip = tap.saturating_sub(shift + first);
+                let source = first + skip;
+                let Some(target) = (source + shift).checked_sub(tap) else { continue };
+                let count = BLOCK.saturating_sub(skip).min(rows.saturating_sub(target));
+                let q = x.q.get(source * self.inputs..).unwrap_or(&[]);
+                let q = q.get(..count * self.inputs).unwrap_or(q);
+                let scales = x.scales.get(source..).unwrap_or(&[]);
+                let scales = scales.get(..count).unwrap_or(scales);
+                let out = out.get_mut(target * width..).unwrap_or(&mut []);
+                let mut column = 0;
+                for range in channels.ranges() {
+                    let (wide, narrow) = self.split(range);
+                    self.forward_wide(q, scales, tap, wide, Columns { out, width, first: column }, scratch);
+                    column += wide.count;
+                    if narrow.count > 0 {
+                        let weights = self.rows(self.weights, self.outputs - self.wide, tap, narrow);
+                        linear_s16s8(q, weights, self.inputs, narrow.count, scratch.acc);
+                        let columns = Columns { out, width, first: column };
+                        for ((out, acc), scale) in
+                            columns.rows(narrow.count).zip(scratch.acc.chunks_exact(narrow.count.max(1))).zip(scales)
+                        {
+                            add_scaled(out, acc, core::slice::from_ref(scale), narrow.count);
+                        }
+                        column += narrow.count;
+                    }
+                }
+            }
+        }
+        for out in out.chunks_exact_mut(width) {
+            let mut rest = out;
+            for range in channels.ranges() {
+                let Some((part, others)) = core::mem::take(&mut rest).split_at_mut_checked(range.count) else { break };
+                let constants = self.scales.iter().zip(self.biases).skip(range.first);
+                for (y, (scale, bias)) in part.iter_mut().zip(constants) {
+                    *y = *y * *scale + *bias;
+                }
+                rest = others;
+            }
+        }
+    }
+
+    fn forward_wide(
+        &self,
+        q: &[i16],
+        scales: &[f32],
+        tap: usize,
+        wide: Range,
+        columns: Columns<'_>,
+        scratch: &mut Scratch<'_>,
+    ) {
+        if wide.count == 0 {
+            return;
+        }
+        linear_s16s8(q, self.rows(self.high, self.wide, tap, wide), self.inputs, wide.count, scratch.acc);
+        linear_s16s8(q, self.rows(self.low, self.wide, tap, wide), self.inputs, wide.count, scratch.acc_low);
+        let acc = scratch.acc.chunks_exact(wide.count.max(1)).zip(scratch.acc_low.chunks_exact(wide.count.max(1)));
+        for ((out, (high, low)), scale) in columns.rows(wide.count).zip(acc).zip(scales) {
+            for ((y, high), low) in out.iter_mut().zip(high).zip(low) {
+                *y += (*high as f32 * 256.0 + *low as f32) * *scale;
+            }
+        }
+    }
+
+    /// Input gradient: `dx [R][K]` from `g [R][C]` of the selected channels. Root rows and the others are quantised
+    /// apart, since root gradients are sums over time and much larger.
+    pub fn backward(&self, g: &[f32], channels: &Channels, dx: &mut [f32], scratch: &mut Scratch<'_>) {
+        let width = channels.count().max(1);
+        let limit = quantise::limit(self.outputs);
+        dx.fill(0.0);
+        for (t, g) in g.chunks_exact(width).enumerate() {
+            let row = scratch.row.get_mut(..width).unwrap_or(&mut []);
+            let mut column = 0;
+            let mut wide_count = 0;
+            for range in channels.ranges() {
+                let part = row.iter_mut().zip(g).skip(column).take(range.count);
+                for ((row, g), s) in part.zip(self.scales.iter().skip(range.first)) {
+                    *row = *g * *s;
+                }
+                column += range.count;
+                wide_count += self.split(range).0.count;
+            }
+            let Some((wide_row, narrow_row)) = row.split_at_mut_checked(wide_count) else { return };
+            let Some((wide_q, narrow_q)) = scratch.q.split_at_mut_checked(wide_count) else { return };
+            let wide_scale = quantise::row(wide_row, wide_q, limit);
+            let narrow_scale = quantise::row(narrow_row, narrow_q, limit);
+            for tap in 0..self.taps {
+                let Some(source) = (t + tap).checked_sub(self.taps / 2) else { continue };
+                let Some(dx) = dx.get_mut(source * self.inputs..(source + 1) * self.inputs) else { continue };
+                let (mut wide_at, mut narrow_at) = (0, 0);
+                for range in channels.ranges() {
+                    let (wide, narrow) = self.split(range);
+                    if wide.count > 0 {
+                        let q = wide_q.get(wide_at..wide_at + wide.count).unwrap_or(&[]);
+                        wide_at += wide.count;
+                        let high = self.rows(self.high, self.wide, tap, wide);
+                        let low = self.rows(self.low, self.wide, tap, wide);
+                        linear_transposed_s16s8(q, high, self.inputs, wide.count, scratch.acc);
+                        linear_transposed_s16s8(q, low, self.inputs, wide.count, scratch.acc_low);
+                        for ((dx, high), low) in dx.iter_mut().zip(scratch.acc.iter()).zip(scratch.acc_low.iter()) {
+                            *dx += (*high as f32 * 256.0 + *low as f32) * wide_scale;
+                        }
+                    }
+                    if narrow.count > 0 {
+                        let q = narrow_q.get(narrow_at..narrow_at + narrow.count).unwrap_or(&[]);
+                        narrow_at += narrow.count;
+                        let weights = self.rows(self.weights, self.outputs - self.wide, tap, narrow);
+                        linear_transposed_s16s8(q, weights, self.inputs, narrow.count, scratch.acc);
+                        add_scaled(dx, scratch.acc, core::slice::from_ref(&narrow_scale), self.inputs);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The int16 and the int8 part of a range; the int8 part counts from the first int8 row.
+    fn split(&self, range: Range) -> (Range, Range) {
+        let end = range.first + range.count;
+        let wide_end = if end < self.wide { end } else { self.wide };
+        let wide = Range { first: range.first, count: wide_end.saturating_sub(range.first) };
+        let first = range.first.saturating_sub(self.wide);
+        (wide, Range { first, count: range.count - wide.count })
+    }
+
+    /// Weights `[range.count][K]` of one tap in `plane [taps][rows][K]`.
+    fn rows(&self, plane: &'a [i8], rows: usize, tap: usize, range: Range) -> &'a [i8] {
+        let first = (tap * rows + range.first) * self.inputs;
+        plane.get(first..first + range.count * self.inputs).unwrap_or(&[])
+    }
+}
+
+/// Some columns of rows that are `width` wide.
+struct Columns<'a> {
+    out: &'a mut [f32],
+    width: usize,
+    first: usize,
+}
+
+impl<'a> Columns<'a> {
+    /// The `count` columns of each row.
+    fn rows(self, count: usize) -> impl Iterator<Item = &'a mut [f32]> {
+        let first = self.first;
+        self.out
+            .chunks_exact_mut(self.width.max(1))
+            .map(move |row| row.get_mut(first..first + count).unwrap_or(&mut []))
+    }
+}

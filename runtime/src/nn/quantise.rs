@@ -1,0 +1,89 @@
+//! f32 rows to int16 rows with one dynamic scale a row (DESIGN section 4).
+//!
+//! The scale covers the row's channels only, never time: a sequence processed in segments gives the same bits.
+
+/// Largest magnitude an activation may take so that `terms` products with an int8 weight fit an int32.
+///
+/// 128 rather than 127 because the low plane of an int16 weight may be -128.
+#[must_use]
+pub const fn limit(terms: usize) -> i16 {
+    let terms = if terms == 0 { 1 } else { terms };
+    let fits = i32::MAX as usize / 128 / terms;
+    if fits > i16::MAX as usize { i16::MAX } else { fits as i16 }
+}
+
+/// Adding this to `|v| < 2^22` leaves the nearest integer (ties to even) in the low mantissa bits.
+const ROUND: f32 = 12_582_912.0;
+/// Rows with no value above this are stored as zeros: their reciprocal would leave the normal range.
+const TINY: f32 = 1e-30;
+
+/// The nearest integer to `v`, ties to even, for `|v| < 2^15`.
+#[inline]
+fn round(v: f32) -> i16 {
+    (v + ROUND).to_bits() as i16
+}
+
+/// Quantises one row: `x[k] ~ q[k] * scale`, `|q[k]| <= limit`. Returns the scale.
+#[inline]
+pub fn row(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
+    // Magnitudes of finite numbers order as their bit patterns do.
+    let mut largest = 0u32;
+    for v in x {
+        let magnitude = v.to_bits() & 0x7FFF_FFFF;
+        if magnitude > largest {
+            largest = magnitude;
+        }
+    }
+    let largest = f32::from_bits(largest);
+    if !(largest > TINY && largest.is_finite()) {
+        q.fill(0);
+        return 0.0;
+    }
+    let limit = f32::from(limit);
+    let factor = limit / largest;
+    for (q, v) in q.iter_mut().zip(x) {
+        *q = round(*v * factor);
+    }
+    largest / limit
+}
+
+/// Quantises `rows x [R][width]` into `q` and `scales`.
+pub fn rows(x: &[f32], width: usize, limit: i16, q: &mut [i16], scales: &mut [f32]) {
+    if width == 0 {
+        return;
+    }
+    for ((x, q), scale) in x.chunks_exact(width).zip(q.chunks_exact_mut(width)).zip(scales) {
+        *scale = row(x, q, limit);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limit_keeps_accumulators_inside_i32() {
+        for terms in [1usize, 96, 288, 511, 512, 513, 2048, 100_000] {
+            assert!(terms as i64 * 128 * i64::from(limit(terms)) <= i64::from(i32::MAX), "{terms}");
+        }
+        assert_eq!(limit(96), i16::MAX);
+    }
+
+    #[test]
+    fn error_is_at_most_half_a_step_and_ties_go_to_even() {
+        let x = [0.5f32, -1.5, 2.5, -127.0, 126.4, 0.0];
+        let mut q = [0i16; 6];
+        let scale = row(&x, &mut q, 127);
+        assert_eq!(scale, 1.0);
+        assert_eq!(q, [0, -2, 2, -127, 126, 0]);
+    }
+
+    #[test]
+    fn zeros_tiny_and_non_finite_rows_become_zero() {
+        for x in [[0.0f32, -0.0], [1e-38, 0.0], [f32::INFINITY, 1.0], [f32::NAN, 1.0]] {
+            let mut q = [7i16; 2];
+            assert_eq!(row(&x, &mut q, 100), 0.0);
+            assert_eq!(q, [0, 0]);
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! Pre-activation residual block, in place: `x <- x + conv2(relu(conv1(relu(x))))` (EQUATIONS, DESIGN section 3).
+
+use super::conv1d::{BLOCK, Conv1d, Rows};
+use super::{mask, quantise};
+
+/// A dilated k3 convolution and a k1 convolution around a skip connection.
+#[derive(Debug, Clone, Copy)]
+pub struct Residual<'a> {
+    /// Kernel 3, dilated.
+    pub conv1: Conv1d<'a>,
+    /// Kernel 1.
+    pub conv2: Conv1d<'a>,
+}
+
+/// Scratch shared by the layers of a sequence.
+#[derive(Debug)]
+pub struct Scratch<'a> {
+    /// Quantised rows `[R][W]`.
+    pub q: &'a mut [i16],
+    /// Their scales `[R]`.
+    pub scales: &'a mut [f32],
+    /// One block of f32 rows, `[BLOCK][W]`.
+    pub block: &'a mut [f32],
+    /// One block of quantised rows, `[BLOCK][W]`.
+    pub block_q: &'a mut [i16],
+    /// Their scales, `[BLOCK]`.
+    pub block_scales: &'a mut [f32],
+    /// One row, `[W]`.
+    pub row: &'a mut [f32],
+    /// Accumulators, `[BLOCK][W]`.
+    pub acc: &'a mut [i32],
+}
+
+/// ReLU masks of a residual block: `[R][words(W)]` each.
+#[derive(Debug)]
+pub struct Masks<'a> {
+    /// Of the block's input.
+    pub input: &'a mut [u32],
+    /// Of the hidden rows.
+    pub hidden: &'a mut [u32],
+}
+
+impl Residual<'_> {
+    /// Runs the block over `x [R][W]` in place and keeps the ReLU masks for [`Residual::backward`].
+    pub fn forward(&self, x: &mut [f32], scratch: &mut Scratch<'_>, masks: &mut Masks<'_>) {
+        let width = self.conv1.inputs().max(1);
+        let words = mask::words(width).max(1);
+        // Never zero; written so that the compiler can see it.
+        let (block_len, mask_len) = ((BLOCK * width).max(1), (BLOCK * words).max(1));
+        let limit = quantise::limit(width);
+        let rows = x.len() / width;
+        let inputs = x.chunks_exact(width).zip(scratch.q.chunks_exact_mut(width)).zip(scratch.scales.iter_mut());
+        for (((x, q), scale), mask) in inputs.zip(masks.input.chunks_exact_mut(words)) {
+            let row = scratch.row.get_mut(..width).unwrap_or(&mut []);
+            for (row, x) in row.iter_mut().zip(x) {
+                *row = *x;
+            }
+            mask::relu(row, mask);
+            *scale = quantise::row(row, q, limit);
+        }
+        let input = Rows {
+            q: scratch.q.get(..rows * width).unwrap_or(&[]),
+            scales: scratch.scales.get(..rows).unwrap_or(&[]),
+        };
+        let hidden = masks.hidden.chunks_mut(mask_len);
+        for (block, (x, masks)) in x.chunks_mut(block_len).zip(hidden).enumerate() {
+            let hidden = scratch.block.get_mut(..x.len()).unwrap_or(&mut []);
+            self.conv1.forward(input, block * BLOCK, hidden, scratch.acc);
+            for (hidden, mask) in hidden.chunks_exact_mut(width).zip(masks.chunks_exact_mut(words)) {
+                mask::relu(hidden, mask);
+            }
+            quantise::rows(hidden, width, limit, scratch.block_q, scratch.block_scales);
+            let count = x.len() / width;
+            let rows = Rows {
+                q: scratch.block_q.get(..count * width).unwrap_or(&[]),
+                scales: scratch.block_scales.get(..count).unwrap_or(&[]),
+            };
+            self.conv2.forward(rows, 0, hidden, scratch.acc);
+            for (x, h) in x.iter_mut().zip(hidden.iter()) {
+                *x += *h;
+            }
+        }
+    }
+
+    /// Turns `g = dJ/d(output) [R][W]` into `dJ/d(input)` in place.
+    pub fn backward(&self, g: &mut [f32], scratch: &mut Scratch<'_>, masks: &Masks<'_>) {
+        let width = self.conv1.inputs().max(1);
+        let words = mask::words(width).max(1);
+        let (block_len, mask_len) = ((BLOCK * width).max(1), (BLOCK * words).max(1));
+        let rows = g.len() / width;
+        // dJ/d(conv1 output), quantised for the whole sequence because conv1 looks at neighbouring rows.
+        let quantised = scratch.q.chunks_mut(block_len).zip(scratch.scales.chunks_mut(BLOCK));
+        let blocks = g.chunks(block_len).zip(masks.hidden.chunks(mask_len)).zip(quantised);
+        for ((g, masks), (q, scales)) in blocks {
+            self.conv2.quantise_gradient(g, scratch.block_q, scratch.block_scales, scratch.row);
+            let count = g.len() / width;
+            let outer = Rows {
+                q: scratch.block_q.get(..count * width).unwrap_or(&[]),
+                scales: scratch.block_scales.get(..count).unwrap_or(&[]),
+            };
+            let hidden = scratch.block.get_mut(..g.len()).unwrap_or(&mut []);
+            self.conv2.backward(outer, 0, hidden, scratch.acc);
+            for (hidden, mask) in hidden.chunks_exact_mut(width).zip(masks.chunks_exact(words)) {
+                mask::gate(hidden, mask);
+            }
+            self.conv1.quantise_gradient(hidden, q, scales, scratch.row);
+        }
+        let inner = Rows {
+            q: scratch.q.get(..rows * width).unwrap_or(&[]),
+            scales: scratch.scales.get(..rows).unwrap_or(&[]),
+        };
+        for (block, (g, masks)) in
+            g.chunks_mut(block_len).zip(masks.input.chunks(mask_len)).enumerate()
+        {
+            let dx = scratch.block.get_mut(..g.len()).unwrap_or(&mut []);
+            self.conv1.backward(inner, block * BLOCK, dx, scratch.acc);
+            for (dx, mask) in dx.chunks_exact_mut(width).zip(masks.chunks_exact(words)) {
+                mask::gate(dx, mask);
+            }
+            for (g, dx) in g.iter_mut().zip(dx.iter()) {
+                *g += *dx;
+            }
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! What a request will need, known before it runs: arena bytes by purpose, and multiply-accumulates.
+
+use crate::arena::bytes_of;
+use crate::model::Model;
+use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
+use crate::refining::{self, Config};
+use crate::JOINTS;
+
+/// The largest request that is to be served.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Tokens (4 frames each).
+    pub tokens: usize,
+    /// Anchors; 0 = no refinement.
+    pub anchors: usize,
+    /// Refinement.
+    pub refinement: Config,
+}
+
+/// Bytes and work of the largest request inside some [`Limits`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Plan {
+    /// Arena bytes in all, from a 16-byte boundary: exactly what [`crate::Generator`] takes.
+    pub arena_bytes: usize,
+    /// Of these, bytes of the decoder's layers (the finished joints lie there too).
+    pub decoder_bytes: usize,
+    /// Bytes of the features and their gradient.
+    pub feature_bytes: usize,
+    /// Bytes of the root path and its gradient.
+    pub path_bytes: usize,
+    /// Bytes of the token embeddings.
+    pub embedding_bytes: usize,
+    /// Bytes of the solver.
+    pub solver_bytes: usize,
+    /// Decoder evaluations at most, the final one included.
+    pub evaluations: u32,
+    /// Decoder gradients at most.
+    pub gradients: u32,
+    /// Multiply-accumulates at most.
+    pub macs: u64,
+}
+
+/// Feature channels that the solver may have to decode for so many anchors.
+pub(crate) const fn solver_channels(anchors: usize) -> usize {
+    let joints = if anchors < JOINTS - 1 { anchors } else { JOINTS - 1 };
+    ROOT_CHANNELS + 3 * joints
+}
+
+/// Elements of the buffer for features and their gradient, `frames` times this many.
+pub(crate) const fn feature_columns(anchors: usize) -> usize {
+    let solver = if anchors == 0 { 0 } else { 2 * solver_channels(anchors) };
+    if solver > POSITION_CHANNELS { solver } else { POSITION_CHANNELS }
+}
+
+/// Joint coordinates of a frame, which take the decoder's sequence buffer over at the end.
+pub(crate) const JOINT_COLUMNS: usize = 3 * JOINTS;
+
+impl Plan {
+    /// The plan for requests inside `limits`.
+    #[must_use]
+    pub fn for_request(model: &Model<'_>, limits: &Limits) -> Plan {
+        let decoder = model.decoder();
+        let tokens = limits.tokens;
+        let frames = tokens * decoder.upsampling();
+        let decoder_bytes = decoder.workspace_bytes(tokens, POSITION_CHANNELS, JOINT_COLUMNS);
+        let feature_bytes = bytes_of::<f32>(frames * feature_columns(limits.anchors));
+        let path_bytes = 7 * bytes_of::<f32>(frames);
+        let embedding_bytes = bytes_of::<f32>(tokens * decoder.code_width());
+        let (mut solver_bytes, mut steps) = (0, 0);
+        if limits.anchors > 0 {
+            let scratch = refining::scratch_len(tokens, decoder.code_width(), limits.anchors, &limits.refinement);
+            solver_bytes = bytes_of::<f32>(scratch);
+            steps = u32::from(limits.refinement.evaluations);
+        }
+        let whole = decoder.macs(tokens, &channels(u32::MAX));
+        // The most expensive choice of joints: as many as there are anchors, from the first on.
+        let mask = (1u64 << (1 + if limits.anchors < JOINTS { limits.anchors } else { JOINTS })) - 1;
+        let partial = decoder.macs(tokens, &channels(mask as u32));
+        Plan {
+            arena_bytes: decoder_bytes + feature_bytes + path_bytes + embedding_bytes + solver_bytes,
+            decoder_bytes,
+            feature_bytes,
+            path_bytes,
+            embedding_bytes,
+            solver_bytes,
+            evaluations: steps + 1,
+            gradients: steps,
+            macs: whole + 2 * u64::from(steps) * partial,
+        }
+    }
+}
