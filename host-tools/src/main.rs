@@ -1,2 +1,5 @@
-//! placeholder
-fn main() {}
+//! The `motionette` program; everything is in [`motionette_host::cli`].
+
+fn main() -> std::process::ExitCode {
+    motionette_host::cli::main()
+}

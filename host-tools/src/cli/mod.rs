@@ -1,0 +1,84 @@
+//! The `motionette` command line: one file a subcommand, each a `Cmd` of arguments and a `run`.
+//!
+//! A command says what it did on standard output and returns a JSON object; with `--json` that object is the last line of standard
+//! output. Progress goes to standard error, on a terminal only. A failure prints its chain of causes and what to do, and the exit
+//! status is 1 (2 for arguments that make no sense).
+
+mod hint;
+mod import;
+mod progress;
+mod recover;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use serde_json::{Value, json};
+
+pub use progress::bar;
+
+/// Motion generation for robots: data in, models converted and checked, motion out.
+#[derive(Debug, Parser)]
+#[command(name = "motionette", version, propagate_version = true)]
+struct Cli {
+    /// Print one machine-readable object on the last line of standard output.
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    // Data: recordings in, features and joints.
+    Import(import::Cmd),
+    Recover(recover::Cmd),
+    // Models: convert, inspect, plan, verify.
+    // Motion: export.
+}
+
+impl Command {
+    fn run(self) -> anyhow::Result<Value> {
+        match self {
+            Self::Import(cmd) => cmd.run(),
+            Self::Recover(cmd) => cmd.run(),
+        }
+    }
+}
+
+/// Runs the program with the process' arguments.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match cli.command.run() {
+        Ok(report) => {
+            if cli.json {
+                say(&report.to_string());
+            }
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            complain(&error);
+            if cli.json {
+                let causes: Vec<String> = error.chain().skip(1).map(ToString::to_string).collect();
+                say(&json!({"error": error.to_string(), "causes": causes, "hint": hint::of(&error)}).to_string());
+            }
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// A line on standard output. A closed pipe (`| head`) is no reason to fail.
+pub fn say(line: &str) {
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
+fn complain(error: &anyhow::Error) {
+    let mut stderr = std::io::stderr();
+    let _ = writeln!(stderr, "error: {error}");
+    for cause in error.chain().skip(1) {
+        let _ = writeln!(stderr, "  because: {cause}");
+    }
+    if let Some(hint) = hint::of(error) {
+        let _ = writeln!(stderr, "  hint: {hint}");
+    }
+}

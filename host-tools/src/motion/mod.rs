@@ -1,0 +1,21 @@
+//! Motion as joints and as HumanML3D features.
+//!
+//! Axes: y up, metres, 20 frames a second; a processed motion starts with the pelvis at x = z = 0, facing +z, the subject's left at +x.
+
+pub mod features;
+pub mod mirror;
+pub mod quaternion;
+pub mod recover;
+pub mod skeleton;
+pub mod smooth;
+pub mod uniform;
+
+/// Frames a second of every processed motion.
+pub const FPS: f64 = 20.0;
+/// Joints of the SMPL body without hands.
+pub const JOINTS: usize = 22;
+/// Channels a frame of HumanML3D's representation (EQUATIONS section 1).
+pub const FEATURES: usize = 263;
+
+/// Global positions of the 22 joints in one frame, `[joint][x, y, z]`, metres.
+pub type Pose = [[f32; 3]; JOINTS];
