@@ -1,0 +1,140 @@
+//! Tokenizer checkpoints: MoMask's RVQ-VAE, T2M-GPT's VQ-VAE and our own, from safetensors files or torch containers.
+//!
+//! One type comes out, [`TokenizerCheckpoint`], with every tensor checked. Nothing in a file is executed, every length is
+//! checked before it is used, and errors name the tensor or option, what was expected and what was found.
+//!
+//! The layers, from bytes up: [`zip`] and [`pickle`] (torch containers), [`torch`] and [`safetensors`] (named tensors),
+//! [`options`] and [`config`] (sizes), [`tokenizer`] (the checked network).
+
+pub mod config;
+pub mod error;
+pub mod options;
+pub mod pickle;
+pub mod safetensors;
+pub mod tensors;
+pub mod tokenizer;
+pub mod torch;
+pub mod zip;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+pub use config::{Config, Source};
+pub use error::{Error, ErrorKind};
+pub use tensors::{Tensor, TensorMap};
+pub use tokenizer::{Conv1d, Decoder, DecoderStage, Encoder, EncoderStage, ResBlock, Statistics, TokenizerCheckpoint};
+
+use error::Result;
+use options::Options;
+
+/// Files that go with a checkpoint and are not beside it, or not under their usual names.
+#[derive(Debug, Clone, Default)]
+pub struct Companions {
+    /// Option file; else `opt.txt` (MoMask) or `t2mgpt_args.json` (T2M-GPT) beside the checkpoint.
+    pub options: Option<PathBuf>,
+    /// `mean.npy`; else that file beside the checkpoint or in `meta/` there. Our own checkpoints carry it inside.
+    pub mean: Option<PathBuf>,
+    /// `std.npy`, likewise.
+    pub std: Option<PathBuf>,
+}
+
+/// Reads a tokenizer checkpoint with its companions where they usually are.
+///
+/// # Errors
+/// [`Error`] with the path and what is wrong.
+pub fn load(path: &Path) -> core::result::Result<TokenizerCheckpoint, Error> {
+    load_with(path, &Companions::default())
+}
+
+/// Reads a tokenizer checkpoint.
+///
+/// # Errors
+/// [`Error`] with the path and what is wrong.
+pub fn load_with(path: &Path, companions: &Companions) -> core::result::Result<TokenizerCheckpoint, Error> {
+    let read = || -> Result<TokenizerCheckpoint> {
+        let bytes = std::fs::read(path)?;
+        let (map, metadata) = tensors_of(&bytes)?;
+        let config = configuration(path, &map, &metadata, companions)?;
+        let mut checkpoint = TokenizerCheckpoint::build(&map, config)?;
+        if checkpoint.statistics.is_none() {
+            checkpoint.statistics = statistics(path, companions, checkpoint.config.features)?;
+        }
+        Ok(checkpoint)
+    };
+    read().map_err(|kind| Error { path: path.to_owned(), kind })
+}
+
+/// Named tensors (and safetensors metadata) of either container, told apart by the first bytes.
+///
+/// # Errors
+/// Those of [`torch::read`] and [`safetensors::read`], and [`ErrorKind::UnknownContainer`].
+pub fn tensors_of(bytes: &[u8]) -> Result<(TensorMap, BTreeMap<String, String>)> {
+    match bytes {
+        [b'P', b'K', ..] => Ok((torch::read(bytes)?, BTreeMap::new())),
+        // A safetensors file is a little-endian header length, then JSON.
+        [_, _, _, _, _, _, _, 0, b'{', ..] => safetensors::read(bytes),
+        _ => Err(ErrorKind::UnknownContainer { start: bytes.iter().take(8).copied().collect() }),
+    }
+}
+
+fn configuration(
+    path: &Path,
+    map: &TensorMap,
+    metadata: &BTreeMap<String, String>,
+    companions: &Companions,
+) -> Result<Config> {
+    if let Some(format) = metadata.get("format").filter(|f| f.starts_with("motionette")) {
+        let expect = |key: &'static str, actual: Option<&str>, expected: &'static str| match actual {
+            Some(a) if a == expected => Ok(()),
+            other => Err(ErrorKind::Version { key, actual: other.unwrap_or("nothing").to_owned(), expected }),
+        };
+        expect("format", Some(format), "motionette-tokenizer")?;
+        expect("version", metadata.get("version").map(String::as_str), "1")?;
+        let text = metadata.get("config").ok_or_else(|| ErrorKind::MissingOption { key: "config".into() })?;
+        return Config::from_json(text);
+    }
+    let source = if map.names().any(|n| n.starts_with("vqvae.")) { Source::T2mGpt } else { Source::Momask };
+    let usual = if source == Source::T2mGpt { "t2mgpt_args.json" } else { "opt.txt" };
+    let file = companions.options.clone().unwrap_or_else(|| path.with_file_name(usual));
+    let text = std::fs::read_to_string(&file).map_err(|e| ErrorKind::Companion {
+        what: "option file",
+        path: file,
+        reason: format!("cannot be read ({e}); give it with --options"),
+    })?;
+    Config::from_options(&Options::parse(&text)?, source)
+}
+
+/// Mean and std from `.npy` files; `None` when none was named and none is at the usual places.
+fn statistics(path: &Path, companions: &Companions, features: usize) -> Result<Option<Statistics>> {
+    let usual = |name: &str| {
+        [path.with_file_name(name), path.with_file_name("meta").join(name)].into_iter().find(|p| p.is_file())
+    };
+    let mean = companions.mean.clone().or_else(|| usual("mean.npy"));
+    let std = companions.std.clone().or_else(|| usual("std.npy"));
+    let (Some(mean), Some(std)) = (mean, std) else { return Ok(None) };
+    Ok(Some(Statistics { mean: vector(&mean, "mean file", features)?, std: vector(&std, "std file", features)? }))
+}
+
+/// A vector of `features` finite numbers from a `.npy` file of f64 or f32.
+fn vector(path: &Path, what: &'static str, features: usize) -> Result<Vec<f64>> {
+    let bad = |reason: String| ErrorKind::Companion { what, path: path.to_owned(), reason };
+    let bytes = std::fs::read(path).map_err(|e| bad(format!("cannot be read ({e})")))?;
+    let npy = |bytes| npyz::NpyFile::new(bytes).map_err(|e| bad(format!("is not a .npy file ({e})")));
+    let file = npy(&bytes[..])?;
+    if file.shape() != [features as u64] {
+        return Err(bad(format!("has shape {:?}, expected [{features}]", file.shape())));
+    }
+    let values = match file.into_vec::<f64>() {
+        Ok(values) => values,
+        Err(_) => npy(&bytes[..])?
+            .into_vec::<f32>()
+            .map_err(|e| bad(format!("holds neither f64 nor f32 ({e})")))?
+            .into_iter()
+            .map(f64::from)
+            .collect(),
+    };
+    match values.iter().position(|v| !v.is_finite()) {
+        Some(i) => Err(bad(format!("holds {} at element {i}", values[i]))),
+        None => Ok(values),
+    }
+}

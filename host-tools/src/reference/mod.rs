@@ -1,0 +1,43 @@
+//! The reference: plain loops in f32 or f64 from the unquantised checkpoint.
+//!
+//! It exists to be right and readable. It shares no numerical code with the runtime; both are held against `published/`, which
+//! nobody here wrote, and against each other. All of it is generic over [`Real`], so that the same loops run in f32 (what PyTorch
+//! does) and in f64 (the oracle of rounding and of gradients).
+//!
+//! Layout everywhere: time major, channels last (`[T][C]`), so that inner loops run over neighbours in memory.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`conv1d`] | convolution with stride, padding, dilation; its input gradient |
+//! | [`resblock`] | `x + conv2(relu(conv1(relu(x))))` and its input gradient |
+//! | [`encoder`] | features to latent |
+//! | [`quantizer`] | latent to ids and back |
+//! | [`decoder`] | latent to features, every stage kept, and its input gradient |
+//! | [`recover`] | features to joints and its gradient |
+//! | [`road`] | latent to joints: decoder, denormalisation, recovery |
+//! | [`anchors`], [`objective`] | control residuals and `J(u)` with its gradient |
+//! | [`interval_basis`], [`route_solver`], [`quasi_newton`] | the solver as published, and a quasi-Newton method in its coefficients |
+//! | [`tokenizer`] | a checkpoint made ready: motion to ids, ids to motion |
+
+pub mod anchors;
+pub mod conv1d;
+pub mod decoder;
+pub mod encoder;
+pub mod interval_basis;
+pub mod objective;
+pub mod quantizer;
+pub mod quasi_newton;
+pub mod real;
+pub mod recover;
+pub mod resblock;
+pub mod road;
+pub mod route_solver;
+pub mod tokenizer;
+
+pub use anchors::{Anchor, Target};
+pub use decoder::{Decoder, Trace};
+pub use encoder::Encoder;
+pub use quantizer::Quantizer;
+pub use real::Real;
+pub use road::Road;
+pub use tokenizer::Tokenizer;
