@@ -1,1 +1,366 @@
-//! t
+//! RouteSolver as published, its ablations and the fast default on a smooth nonlinear decoder.
+
+mod mock;
+
+use mock::{Mock, Random};
+use motionette::perception::anchors::{Anchor, AnchorSet};
+use motionette::refining::activity::{Random as Shuffler, activities};
+use motionette::refining::interval_basis::{IntervalBasis, MAX_INTERVALS, values_len};
+use motionette::refining::objective::Objective;
+use motionette::refining::{
+    Activity, Basis, Config, MotionMap, PerFamily, Report, SolverError, StopReason, scratch_len, solve,
+};
+
+const TOKENS: usize = 25;
+const WIDTH: usize = 16;
+
+/// Places of anchors spread over the motion: root, planar root, body points, or a mixture with several at one frame.
+fn places(kind: usize, count: usize, seed: u64) -> (Vec<(u16, Option<u8>)>, bool) {
+    let mut random = Random::new(seed);
+    let mut list: Vec<(u16, Option<u8>)> = (0..count)
+        .map(|i| {
+            let frame = ((i + 1) * (4 * TOKENS - 4) / count + random.below(3)) as u16;
+            let joint = if kind < 2 { None } else { Some([20, 21, 15, 7][random.below(4)]) };
+            (frame, joint)
+        })
+        .collect();
+    if kind == 3 {
+        let frame = list[0].0;
+        list.push((frame, None));
+        list.push((frame, Some(3)));
+    }
+    (list, kind == 1)
+}
+
+fn problem(kind: usize, count: usize, seed: u64) -> (Mock, Vec<f32>, AnchorSet) {
+    let mut mock = Mock::new(7, TOKENS, WIDTH);
+    let (places, planar) = places(kind, count, seed);
+    let (u, anchors) = mock.problem(seed, &places, planar);
+    let set = mock.set(&anchors);
+    (mock, u, set)
+}
+
+fn run(mock: &mut Mock, u: &mut [f32], set: &AnchorSet, config: &Config) -> Report {
+    let mut scratch = vec![f32::NAN; scratch_len(mock.tokens, mock.width, set.len(), config)];
+    solve(mock, u, set, config, &mut scratch).expect("solves")
+}
+
+/// Mean control error before and after over some problems, metres.
+fn average(config: &Config, kind: usize) -> (f32, f32) {
+    let (mut before, mut after) = (0.0, 0.0);
+    for seed in 1..=4 {
+        let (mut mock, mut u, set) = problem(kind, 6, seed);
+        let report = run(&mut mock, &mut u, &set, config);
+        before += report.before.unwrap().mean / 4.0;
+        after += report.after.unwrap().mean / 4.0;
+    }
+    (before, after)
+}
+
+#[test]
+fn published_method_reduces_the_error_in_every_family() {
+    for kind in 0..4 {
+        let (before, after) = average(&Config::published(100), kind);
+        assert!(before > 0.2 && after < 0.1 * before, "kind {kind}: {before} -> {after}");
+    }
+}
+
+#[test]
+fn fast_default_needs_far_fewer_evaluations_than_rs200() {
+    for kind in 0..4 {
+        for seed in 1..=3 {
+            let (mut mock, mut u, set) = problem(kind, 6, seed);
+            let published = run(&mut mock, &mut u, &set, &Config::published(200));
+            let (mut mock, mut u, set) = problem(kind, 6, seed);
+            let fast = run(&mut mock, &mut u, &set, &Config { stop_error: 0.01, ..Config::fast(80) });
+            assert_eq!(fast.reason, StopReason::Tolerance, "kind {kind}, seed {seed}: {fast:?}");
+            assert!(fast.after.unwrap().worst <= 0.01);
+            // Evaluations that the published method takes to the same error.
+            let (mut mock, mut u, set) = problem(kind, 6, seed);
+            let same = run(&mut mock, &mut u, &set, &Config { stop_error: 0.01, ..Config::published(400) });
+            assert!(
+                2 * fast.evaluations < same.evaluations,
+                "kind {kind}, seed {seed}: {} against {}, RS200 {published:?}",
+                fast.evaluations,
+                same.evaluations
+            );
+        }
+    }
+}
+
+#[test]
+fn the_report_describes_the_result() {
+    for config in [Config::fast(25), Config::published(30), Config { basis: Basis::Plain, ..Config::published(30) }] {
+        let (mut mock, mut u, set) = problem(3, 6, 5);
+        let start = u.clone();
+        let report = run(&mut mock, &mut u, &set, &config);
+        assert_eq!(usize::from(report.evaluations), mock.forwards);
+        assert_eq!(usize::from(report.gradients), mock.backwards);
+        assert_eq!(report.current, mock.seen.last() == Some(&u));
+        let squared: f32 = u.iter().zip(&start).map(|(a, b)| (a - b) * (a - b)).sum();
+        assert!((report.distance - squared.sqrt()).abs() < 1e-4 * report.distance);
+        // Best of everything that was evaluated, by the objective.
+        let objective = Objective::new(&set, &config);
+        let mut lowest = f32::INFINITY;
+        for seen in mock.seen.clone() {
+            mock.forward(&seen).unwrap();
+            let squared: f32 = seen.iter().zip(&start).map(|(a, b)| (a - b) * (a - b)).sum();
+            lowest = lowest.min(objective.weighted(&objective.measure(&mock)) + config.trust * squared);
+        }
+        mock.forward(&u).unwrap();
+        let measured = objective.measure(&mock);
+        let value = objective.weighted(&measured) + config.trust * squared;
+        assert!((value - lowest).abs() <= 1e-5 * lowest, "{value} {lowest}");
+        assert!((report.objective_after - lowest).abs() <= 1e-5 * lowest);
+        assert_eq!(report.after, Some(measured.control_error(&set)));
+        mock.forward(&start).unwrap();
+        assert_eq!(report.before, Some(objective.measure(&mock).control_error(&set)));
+    }
+}
+
+#[test]
+fn one_published_step_is_the_projected_adam_step() {
+    // After one step Adam moves every number by rate * g / (|g| + eps); then the projection.
+    let config = Config { trust: 0.0, smoothness: 0.0, ..Config::published(1) };
+    let (mut mock, start, set) = problem(0, 4, 2);
+    mock.forward(&start).unwrap();
+    let objective = Objective::new(&set, &config);
+    let measured = objective.measure(&mock);
+    objective.gather(&mut mock);
+    let mut delta = vec![0.0; start.len()];
+    mock.backward(&mut delta).unwrap();
+    for g in &mut delta {
+        *g = -config.learning_rate.root_3d * *g / (g.abs() + 1e-8);
+    }
+    let mut values = vec![0.0; values_len(TOKENS, Basis::Affine)];
+    let basis = IntervalBasis::new(&set, 4 * TOKENS, TOKENS, Basis::Affine, &mut values);
+    let activity = activities(Activity::Residual, &basis, &set, &measured, &config.tolerance, &mut Shuffler::new(0));
+    basis.project(&mut delta, WIDTH, &activity, config.ridge);
+
+    let mut u = start.clone();
+    mock.seen.clear();
+    run(&mut mock, &mut u, &set, &config);
+    assert_eq!(mock.seen.len(), 2);
+    for ((got, x0), d) in mock.seen[1].iter().zip(&start).zip(&delta) {
+        assert!((got - (x0 + d)).abs() < 1e-5, "{got} {x0} {d}");
+    }
+}
+
+#[test]
+fn corrections_stay_in_the_span_of_the_basis() {
+    let (mut mock, mut u, set) = problem(0, 4, 3);
+    let start = u.clone();
+    for (basis, inside) in [(Basis::Affine, true), (Basis::Transport, true), (Basis::Plain, false)] {
+        u.copy_from_slice(&start);
+        run(&mut mock, &mut u, &set, &Config { basis, ..Config::published(20) });
+        let moved: Vec<f32> = u.iter().zip(&start).map(|(a, b)| a - b).collect();
+        let shape = if basis == Basis::Plain { Basis::Affine } else { basis };
+        let mut values = vec![0.0; values_len(TOKENS, shape)];
+        let routed = IntervalBasis::new(&set, 4 * TOKENS, TOKENS, shape, &mut values);
+        let mut projected = moved.clone();
+        routed.project(&mut projected, WIDTH, &[1.0; MAX_INTERVALS], 0.0);
+        let off = moved.iter().zip(&projected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let size = moved.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+        assert_eq!(off < 1e-3 * size, inside, "{basis:?}: {off} of {size}");
+    }
+}
+
+#[test]
+fn ablations_rank_by_freedom() {
+    let error = |basis| average(&Config { basis, ..Config::published(60) }, 2).1;
+    let (slope, transport, affine) = (error(Basis::Slope), error(Basis::Transport), error(Basis::Affine));
+    let (quadratic, cubic, plain) = (error(Basis::Quadratic), error(Basis::Cubic), error(Basis::Plain));
+    assert!(slope > affine && transport > affine, "slope {slope}, transport {transport}, affine {affine}");
+    assert!(plain < affine, "plain {plain}, affine {affine}");
+    assert!(quadratic < slope && cubic < slope, "quadratic {quadratic}, cubic {cubic}");
+}
+
+#[test]
+fn activity_kinds_do_what_they_say() {
+    let (mut mock, u, set) = problem(2, 8, 4);
+    mock.forward(&u).unwrap();
+    let measured = Objective::new(&set, &Config::default()).measure(&mock);
+    let mut values = vec![0.0; values_len(TOKENS, Basis::Affine)];
+    let basis = IntervalBasis::new(&set, 4 * TOKENS, TOKENS, Basis::Affine, &mut values);
+    let count = basis.intervals().len();
+    let rho = 2.0;
+    let mut random = Shuffler::new(5);
+    let mut get = |kind| activities(kind, &basis, &set, &measured, &PerFamily::all(rho), &mut random);
+
+    let residual = get(Activity::Residual);
+    for (interval, &activity) in basis.intervals().iter().zip(&residual) {
+        let error_at = |frame: u16| {
+            let here = set.iter().zip(measured.errors).filter(|(anchor, _)| anchor.frame == frame);
+            here.map(|(_, error)| error).fold(0.0, f32::max)
+        };
+        let expected = (error_at(interval.left).max(error_at(interval.right)) / rho).min(1.0);
+        assert!((activity - expected).abs() < 1e-6, "{interval:?}");
+    }
+    assert_eq!(get(Activity::Uniform)[..count], vec![1.0; count]);
+
+    let mut sorted = residual[..count].to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let orders: Vec<Vec<f32>> = (0..20).map(|_| get(Activity::Shuffled)[..count].to_vec()).collect();
+    for order in &orders {
+        let mut again = order.clone();
+        again.sort_by(f32::total_cmp);
+        assert_eq!(again, sorted, "a permutation");
+    }
+    let distinct = orders.iter().filter(|order| **order != orders[0]).count();
+    assert!(distinct > 15, "refreshed at every step: {distinct}");
+
+    // Another family's tolerance counts for that family only.
+    let tight = PerFamily { root_3d: 1e-6, planar_root: 1e-6, body_point: rho };
+    assert_eq!(activities(Activity::Residual, &basis, &set, &measured, &tight, &mut random), residual);
+}
+
+#[test]
+fn seeds_decide_the_shuffle_and_nothing_else_is_random() {
+    let solve_with = |activity, seed| {
+        let (mut mock, mut u, set) = problem(2, 6, 4);
+        run(
+            &mut mock,
+            &mut u,
+            &set,
+            &Config { activity, seed, tolerance: PerFamily::all(2.0), ..Config::published(12) },
+        );
+        u
+    };
+    assert_eq!(solve_with(Activity::Shuffled, 3), solve_with(Activity::Shuffled, 3));
+    assert_ne!(solve_with(Activity::Shuffled, 3), solve_with(Activity::Shuffled, 4));
+    assert_eq!(solve_with(Activity::Residual, 3), solve_with(Activity::Residual, 4));
+    assert_ne!(solve_with(Activity::Residual, 3), solve_with(Activity::Uniform, 3));
+}
+
+#[test]
+fn terms_trade_control_for_quality() {
+    let solve_with = |config: Config| {
+        let (mut mock, mut u, set) = problem(0, 6, 6);
+        let report = run(&mut mock, &mut u, &set, &config);
+        mock.forward(&u).unwrap();
+        let all = Config { smoothness: 1.0, feasibility: 1.0, max_step: 0.03, ..config };
+        (report, Objective::new(&set, &all).measure(&mock))
+    };
+    for base in [Config::fast(40), Config::published(60)] {
+        let plain = Config { smoothness: 0.0, trust: 0.0, feasibility: 0.0, stop_error: 0.0, ..base };
+        let (free, measured) = solve_with(plain);
+        let (near, _) = solve_with(Config { trust: 0.05, ..plain });
+        assert!(near.distance < 0.8 * free.distance, "{near:?} {free:?}");
+        let (_, smooth) = solve_with(Config { smoothness: 3e4, ..plain });
+        assert!(smooth.smoothness < 0.8 * measured.smoothness, "{smooth:?} {measured:?}");
+        let (_, slow) = solve_with(Config { feasibility: 1e4, max_step: 0.03, ..plain });
+        assert!(slow.feasibility < 0.8 * measured.feasibility, "{slow:?} {measured:?}");
+    }
+}
+
+#[test]
+fn unreachable_anchors_are_approached_and_reported() {
+    for base in [Config::fast(30), Config::published(30)] {
+        for target in [[10.0, 0.9, 0.0], [-900.0, 900.0, 900.0]] {
+            let (mut mock, mut u, _) = problem(0, 1, 1);
+            // Ten metres away in one frame.
+            let set = mock.set(&[Anchor::root(50, [0.0, 0.9, 0.5]), Anchor::root(51, target)]);
+            let report = run(&mut mock, &mut u, &set, &base);
+            let (before, after) = (report.before.unwrap(), report.after.unwrap());
+            assert!(report.objective_after < report.objective_before, "{report:?}");
+            assert!(after.worst > 1.0 && before.worst.is_finite() && after.mean.is_finite(), "{report:?}");
+            assert_eq!(after.worst_anchor, 1);
+            assert!(u.iter().all(|v| v.is_finite()));
+        }
+    }
+}
+
+#[test]
+fn met_anchors_cost_one_evaluation() {
+    let (mut mock, mut u, _) = problem(0, 1, 1);
+    mock.forward(&u).unwrap();
+    let set = mock.set(&[Anchor::root(50, mock.position(0, 50))]);
+    mock.forwards = 0;
+    let start = u.clone();
+    let report = run(&mut mock, &mut u, &set, &Config::fast(20));
+    assert_eq!((report.evaluations, report.gradients, report.reason), (1, 0, StopReason::Tolerance));
+    assert_eq!(u, start);
+    assert!(report.current);
+}
+
+#[test]
+fn without_anchors_nothing_is_done() {
+    let (mut mock, mut u, _) = problem(0, 1, 1);
+    let start = u.clone();
+    let report = run(&mut mock, &mut u, &AnchorSet::EMPTY, &Config::fast(20));
+    assert_eq!((report.evaluations, report.reason, report.before), (0, StopReason::NoAnchors, None));
+    assert!(!report.current);
+    assert_eq!(u, start);
+}
+
+#[test]
+fn scratch_is_exact_and_checked() {
+    for (tokens, width, count) in [(1, 3, 1), (5, 4, 2), (25, 8, 8), (49, 4, 32)] {
+        for config in [
+            Config::fast(6),
+            Config::published(3),
+            Config { basis: Basis::Cubic, ..Config::fast(6) },
+            Config { basis: Basis::Plain, memory: 8, ..Config::fast(6) },
+            Config { basis: Basis::Plain, ..Config::published(3) },
+        ] {
+            let mut mock = Mock::new(7, tokens, width);
+            let list: Vec<_> = (0..count).map(|i| ((i * (4 * tokens - 1) / count) as u16, None)).collect::<Vec<_>>();
+            let (mut u, anchors) = mock.problem(3, &list, false);
+            let set = mock.set(&anchors);
+            let need = scratch_len(tokens, width, set.len(), &config);
+            let mut short = vec![0.0; need - 1];
+            let error = solve(&mut mock, &mut u, &set, &config, &mut short).unwrap_err();
+            assert_eq!(error, SolverError::Scratch { have: need - 1, need });
+            assert_eq!(mock.forwards, 0);
+
+            // One guard number behind the planned length stays untouched; all before it is used.
+            let mut scratch = vec![f32::NAN; need + 1];
+            solve(&mut mock, &mut u, &set, &config, &mut scratch).unwrap();
+            assert!(scratch[..need].iter().all(|v| v.is_finite()));
+            assert!(scratch[need].is_nan());
+        }
+    }
+}
+
+#[test]
+fn memory_budgets_hold() {
+    let kib = |anchors, config: &Config| scratch_len(49, 32, anchors, config) * 4 / 1024;
+    for config in [Config::fast(20), Config::published(200)] {
+        assert!(kib(8, &config) < 60, "{} KiB", kib(8, &config));
+        assert!(kib(32, &config) < 150, "{} KiB", kib(32, &config));
+    }
+}
+
+#[test]
+fn wrong_shapes_are_refused() {
+    let (mut mock, mut u, set) = problem(0, 4, 1);
+    let config = Config::fast(5);
+    let mut scratch = vec![0.0; scratch_len(TOKENS, WIDTH, set.len(), &config)];
+    let short = u.len() - 1;
+    let error = solve(&mut mock, &mut u[..short], &set, &config, &mut scratch).unwrap_err();
+    assert_eq!(error, SolverError::Shape { have: short, need: short + 1 });
+
+    let far = AnchorSet::new(&[Anchor::root(150, [0.0, 0.9, 0.0])], 196).unwrap();
+    let error = solve(&mut mock, &mut u, &far, &config, &mut scratch).unwrap_err();
+    assert_eq!(error, SolverError::FrameOutOfRange { frame: 150, frames: 4 * TOKENS });
+
+    for tokens in [0, 50] {
+        let mut mock = Mock::new(1, tokens, 4);
+        let error = solve(&mut mock, &mut [], &AnchorSet::EMPTY, &config, &mut []).unwrap_err();
+        assert_eq!(error, SolverError::Tokens { tokens, limit: 49 });
+        assert!(!error.to_string().is_empty());
+    }
+}
+
+#[test]
+fn results_do_not_depend_on_what_scratch_held() {
+    for config in [Config::fast(15), Config::published(15)] {
+        let solve_over = |filler: f32| {
+            let (mut mock, mut u, set) = problem(3, 6, 8);
+            let mut scratch = vec![filler; scratch_len(TOKENS, WIDTH, set.len(), &config)];
+            solve(&mut mock, &mut u, &set, &config, &mut scratch).unwrap();
+            u
+        };
+        assert_eq!(solve_over(f32::NAN), solve_over(3.0e7));
+    }
+}

@@ -259,23 +259,39 @@ impl<'a> IntervalBasis<'a> {
         }
     }
 
-    /// `out [tokens][width] += scale * B c` for `c [coefficients][width]`.
-    pub fn add_synthesis(&self, c: &[f32], scale: f32, width: usize, out: &mut [f32]) {
+    /// `out [tokens][width] += B (x + t d)` for `x, d [coefficients][width]`. The same `x + t d` gives the same bits, however
+    /// it is split; with `t = 0`, `d` is not read.
+    pub fn add_synthesis(&self, x: &[f32], t: f32, d: &[f32], width: usize, out: &mut [f32]) {
         if self.stride == 0 {
-            axpy(out, scale, c);
+            add_combination(out, 1.0, x, t, d);
             return;
         }
         let mut tokens = rows_mut(out, width).zip(rows(self.values, self.stride));
-        let mut rest = c;
+        let (mut x, mut d) = (x, d);
         for interval in self.intervals() {
-            let Some((part, tail)) = rest.split_at_checked(interval.functions as usize * width) else { return };
-            rest = tail;
+            let count = interval.functions as usize * width;
+            let (Some((points, more)), Some((steps, further))) = (x.split_at_checked(count), d.split_at_checked(count))
+            else {
+                return;
+            };
+            (x, d) = (more, further);
             for (row, function) in tokens.by_ref().take(interval.tokens as usize) {
-                for (coefficients, &value) in rows(part, width).zip(function) {
-                    axpy(row, scale * value, coefficients);
+                for ((point, step), &value) in rows(points, width).zip(rows(steps, width)).zip(function) {
+                    add_combination(row, value, point, t, step);
                 }
             }
         }
+    }
+}
+
+/// `out += value (x + t d)`.
+fn add_combination(out: &mut [f32], value: f32, x: &[f32], t: f32, d: &[f32]) {
+    if t == 0.0 {
+        axpy(out, value, x);
+        return;
+    }
+    for ((out, x), d) in out.iter_mut().zip(x).zip(d) {
+        *out += value * (x + t * d);
     }
 }
 

@@ -118,10 +118,7 @@ impl<'a> State<'a> {
     /// `u = u0 + B (x + t d)`.
     fn place(&self, u: &mut [f32], origin: &[f32], basis: &IntervalBasis<'_>, t: f32, width: usize) {
         copy(u, origin);
-        basis.add_synthesis(self.x, 1.0, width, u);
-        if t != 0.0 {
-            basis.add_synthesis(self.direction, t, width, u);
-        }
+        basis.add_synthesis(self.x, t, self.direction, width, u);
     }
 
     /// `dJ/dx` from the token gradient; false when it is not finite.

@@ -1,6 +1,6 @@
 //! Sums and updates over slices in one written order, without panics: where lengths differ, the shorter one counts.
 
-use core::slice::{ChunksExact, ChunksExactMut};
+use core::mem::take;
 
 /// `sum a_i b_i`, first to last.
 pub(crate) fn dot(a: &[f32], b: &[f32]) -> f32 {
@@ -52,12 +52,45 @@ pub(crate) fn larger(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
-/// Rows of `width` numbers; a width of 0 counts as 1 (shapes are checked before any work starts).
-pub(crate) fn rows(a: &[f32], width: usize) -> ChunksExact<'_, f32> {
-    a.chunks_exact(if width == 0 { 1 } else { width })
+/// Rows of `width` numbers, the last one whole. Unlike `chunks_exact` it never divides, so it cannot panic.
+#[derive(Clone)]
+pub(crate) struct Rows<'a> {
+    rest: &'a [f32],
+    width: usize,
+}
+
+impl<'a> Iterator for Rows<'a> {
+    type Item = &'a [f32];
+
+    fn next(&mut self) -> Option<&'a [f32]> {
+        let (row, rest) = self.rest.split_at_checked(self.width)?;
+        self.rest = rest;
+        if row.is_empty() { None } else { Some(row) }
+    }
+}
+
+/// Mutable [`Rows`].
+pub(crate) struct RowsMut<'a> {
+    rest: &'a mut [f32],
+    width: usize,
+}
+
+impl<'a> Iterator for RowsMut<'a> {
+    type Item = &'a mut [f32];
+
+    fn next(&mut self) -> Option<&'a mut [f32]> {
+        let (row, rest) = take(&mut self.rest).split_at_mut_checked(self.width)?;
+        self.rest = rest;
+        if row.is_empty() { None } else { Some(row) }
+    }
+}
+
+/// Rows of `width` numbers; none for a width of 0.
+pub(crate) const fn rows(a: &[f32], width: usize) -> Rows<'_> {
+    Rows { rest: a, width }
 }
 
 /// Rows of `width` numbers, mutable.
-pub(crate) fn rows_mut(a: &mut [f32], width: usize) -> ChunksExactMut<'_, f32> {
-    a.chunks_exact_mut(if width == 0 { 1 } else { width })
+pub(crate) const fn rows_mut(a: &mut [f32], width: usize) -> RowsMut<'_> {
+    RowsMut { rest: a, width }
 }

@@ -60,6 +60,8 @@ pub struct Mock {
     second: Vec<f64>,
     skip: Vec<f64>,
     bias: Vec<f64>,
+    /// Weights of the tokens around every frame.
+    taps: Vec<Vec<(usize, f64)>>,
     /// Of the last forward pass: `[frames][width]`, `[frames][HIDDEN]`, `[frames][CHANNELS]`, `[frames][JOINTS]`.
     window: Vec<f64>,
     hidden: Vec<f64>,
@@ -74,6 +76,8 @@ pub struct Mock {
     /// Forward passes with these indices give NaN.
     pub poisoned: Vec<usize>,
     poison: bool,
+    /// False after a forward pass that was stopped.
+    pub whole: bool,
     /// Every `u` that was evaluated.
     pub seen: Vec<Vec<f32>>,
 }
@@ -100,6 +104,7 @@ impl Mock {
             second,
             skip,
             bias,
+            taps: (0..frames).map(|frame| taps(frame, tokens)).collect(),
             window: vec![0.0; frames * width],
             hidden: vec![0.0; frames * HIDDEN],
             channels: vec![0.0; frames * CHANNELS],
@@ -111,43 +116,31 @@ impl Mock {
             stop_at: None,
             poisoned: Vec::new(),
             poison: false,
+            whole: false,
             seen: Vec::new(),
         }
     }
 
-    /// Weights of the tokens around a frame.
-    fn taps(&self, frame: usize) -> Vec<(usize, f64)> {
-        let centre = (frame as f64 - 1.5) / 4.0;
-        (0..self.tokens)
-            .map(|token| (token, 1.0 - (token as f64 - centre).abs() / 2.0))
-            .filter(|(_, weight)| *weight > 0.0)
-            .collect()
-    }
-
     /// Positions `[frames][JOINTS]` at `u`.
     pub fn decode(&mut self, u: &[f64]) {
+        let width = self.width;
         for frame in 0..4 * self.tokens {
-            let mut window = vec![0.0; self.width];
-            for (token, weight) in self.taps(frame) {
-                for k in 0..self.width {
-                    window[k] += weight * u[token * self.width + k];
+            let window = &mut self.window[frame * width..(frame + 1) * width];
+            window.fill(0.0);
+            for &(token, weight) in &self.taps[frame] {
+                for (sum, value) in window.iter_mut().zip(&u[token * width..]) {
+                    *sum += weight * value;
                 }
             }
-            for h in 0..HIDDEN {
-                let sum: f64 = (0..self.width).map(|k| self.first[h * self.width + k] * window[k]).sum();
-                self.hidden[frame * HIDDEN + h] = sum.tanh();
+            let hidden = &mut self.hidden[frame * HIDDEN..(frame + 1) * HIDDEN];
+            for (value, weights) in hidden.iter_mut().zip(self.first.chunks_exact(width)) {
+                *value = dot(weights, window).tanh();
             }
             for c in 0..CHANNELS {
-                let mut sum = self.bias[c];
-                for h in 0..HIDDEN {
-                    sum += self.second[c * HIDDEN + h] * self.hidden[frame * HIDDEN + h];
-                }
-                for k in 0..self.width {
-                    sum += self.skip[c * self.width + k] * window[k];
-                }
-                self.channels[frame * CHANNELS + c] = sum;
+                self.channels[frame * CHANNELS + c] = self.bias[c]
+                    + dot(&self.second[c * HIDDEN..(c + 1) * HIDDEN], hidden)
+                    + dot(&self.skip[c * width..(c + 1) * width], window);
             }
-            self.window[frame * self.width..(frame + 1) * self.width].copy_from_slice(&window);
         }
         let (mut yaw, mut x, mut z) = (0.0f64, 0.0, 0.0);
         for frame in 0..4 * self.tokens {
@@ -200,18 +193,18 @@ impl Mock {
             gyaw += turn;
             let mut back = vec![0.0; self.width];
             for (h, &activation) in self.hidden[frame * HIDDEN..(frame + 1) * HIDDEN].iter().enumerate() {
-                let sum: f64 = (0..CHANNELS).map(|c| self.second[c * HIDDEN + h] * d[c]).sum();
+                let sum: f64 = d.iter().enumerate().map(|(c, d)| self.second[c * HIDDEN + h] * d).sum();
                 let through = sum * (1.0 - activation * activation);
-                for k in 0..self.width {
-                    back[k] += self.first[h * self.width + k] * through;
+                for (value, weight) in back.iter_mut().zip(&self.first[h * self.width..]) {
+                    *value += weight * through;
                 }
             }
-            for c in 0..CHANNELS {
-                for k in 0..self.width {
-                    back[k] += self.skip[c * self.width + k] * d[c];
+            for (d, weights) in d.iter().zip(self.skip.chunks_exact(self.width)) {
+                for (value, weight) in back.iter_mut().zip(weights) {
+                    *value += weight * d;
                 }
             }
-            for (token, weight) in self.taps(frame) {
+            for &(token, weight) in &self.taps[frame] {
                 for k in 0..self.width {
                     du[token * self.width + k] += weight * back[k];
                 }
@@ -258,6 +251,17 @@ impl Mock {
     }
 }
 
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+/// Tokens within two tokens of a frame and their weights.
+fn taps(frame: usize, tokens: usize) -> Vec<(usize, f64)> {
+    let centre = (frame as f64 - 1.5) / 4.0;
+    let weight = |token: usize| 1.0 - (token as f64 - centre).abs() / 2.0;
+    (0..tokens).map(|token| (token, weight(token))).filter(|(_, weight)| *weight > 0.0).collect()
+}
+
 impl MotionMap for Mock {
     fn frames(&self) -> usize {
         4 * self.tokens
@@ -274,7 +278,9 @@ impl MotionMap for Mock {
     fn forward(&mut self, u: &[f32]) -> Result<(), Stop> {
         self.forwards += 1;
         self.seen.push(u.to_vec());
+        self.whole = false;
         self.call()?;
+        self.whole = true;
         self.poison = self.poisoned.contains(&(self.forwards - 1));
         let wide: Vec<f64> = u.iter().map(|&v| f64::from(v)).collect();
         self.decode(&wide);
