@@ -21,7 +21,10 @@ pub struct ArenaTooSmall {
 impl core::fmt::Display for ArenaTooSmall {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let ArenaTooSmall { needed, available } = self;
-        write!(f, "the request needs an arena of {needed} bytes, this one has {available} (from its first 16-byte boundary)")
+        write!(
+            f,
+            "the request needs an arena of {needed} bytes, this one has {available} (from its first 16-byte boundary)"
+        )
     }
 }
 

@@ -150,7 +150,10 @@ impl core::fmt::Display for Error {
                 "floating point is not in its default state: clear flush-to-zero, default-NaN and rounding mode bits"
             ),
             Error::Tokens { found, limit } => {
-                write!(f, "the request has {found} tokens (or numbers that are no whole tokens), allowed are 1 to {limit}")
+                write!(
+                    f,
+                    "the request has {found} tokens (or numbers that are no whole tokens), allowed are 1 to {limit}"
+                )
             }
             Error::TokenOutOfRange { index, token, codes } => {
                 write!(f, "token {token} at position {index}: the codebook has codes 0 to {}", codes.saturating_sub(1))
@@ -497,11 +500,7 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {
-        if self.in_range {
-            self.features().position(self.path, usize::from(joint), frame)
-        } else {
-            [f32::INFINITY; 3]
-        }
+        if self.in_range { self.features().position(self.path, usize::from(joint), frame) } else { [f32::INFINITY; 3] }
     }
 
     fn clear_gradient(&mut self) {

@@ -49,8 +49,8 @@ pub mod perception;
 pub mod plan;
 pub mod refining;
 
-pub use model::Model;
 pub use generator::{Error, Flow, Generator, Motion, Observer, Progress, Request, Source, Stage};
+pub use model::Model;
 pub use perception::anchors::{Anchor, Target};
 pub use plan::{Limits, Plan};
 

@@ -1,7 +1,9 @@
 //! A checked model: every module resolved to views into the blob.
 
-use crate::blob::{Card, Error, HEADER_LEN, Header, Manifest, MAX_BLOCKS, MAX_STAGES, MAX_TENSORS, Representation};
 use crate::blob::{ALIGNMENT, SelfTest, Tensors};
+use crate::blob::{
+    Card, Error, HEADER_LEN, Header, MAX_BLOCKS, MAX_STAGES, MAX_TENSORS, MINOR, Manifest, Representation,
+};
 use crate::decoding::codebook::{Codebooks, MAX_QUANTIZERS};
 use crate::decoding::decoder::Decoder;
 use crate::motion::humanml3d;
@@ -57,7 +59,9 @@ impl<'a> Model<'a> {
         refuse_beyond(std, MAX_STATISTIC, tensor.index)?;
         let codebooks = Codebooks::open(&mut tensors, &manifest.decoder)?;
         let decoder = Decoder::open(&mut tensors, &manifest.decoder, EMBEDDING_MARGIN * codebooks.largest())?;
-        tensors.finish()?;
+        if header.minor <= MINOR {
+            tensors.finish()?;
+        }
         Ok(Model {
             bytes,
             card: manifest.card,

@@ -1,10 +1,10 @@
 //! What a request will need, known before it runs: arena bytes by purpose, and multiply-accumulates.
 
+use crate::JOINTS;
 use crate::arena::bytes_of;
 use crate::model::Model;
 use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
 use crate::refining::{self, Config};
-use crate::JOINTS;
 
 /// The largest request that is to be served.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -163,8 +163,15 @@ mod tests {
     #[test]
     fn header_round_trip() {
         let mut blob = [0u8; 64];
-        let mut header =
-            Header { major: MAJOR, minor: 3, total_len: 64, manifest_len: 9, weights_offset: 48, weights_len: 16, crc: 0 };
+        let mut header = Header {
+            major: MAJOR,
+            minor: 3,
+            total_len: 64,
+            manifest_len: 9,
+            weights_offset: 48,
+            weights_len: 16,
+            crc: 0,
+        };
         blob[..HEADER_LEN].copy_from_slice(&header.emit());
         header.crc = Header::checksum(&blob);
         blob[..HEADER_LEN].copy_from_slice(&header.emit());

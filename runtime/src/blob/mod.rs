@@ -109,7 +109,10 @@ impl core::fmt::Display for Error {
                 write!(f, "first bytes are {found:02x?}, not the magic {MAGIC:02x?}: this is no motionette blob")
             }
             Error::Version { found, supported } => {
-                write!(f, "blob format version {found}, this reader understands {supported}: convert the checkpoint again")
+                write!(
+                    f,
+                    "blob format version {found}, this reader understands {supported}: convert the checkpoint again"
+                )
             }
             Error::Header => write!(f, "header lengths and offsets contradict each other"),
             Error::Checksum { computed, stored } => {

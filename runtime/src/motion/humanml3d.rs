@@ -168,8 +168,7 @@ impl Features<'_> {
         for s in (0..frames).rev() {
             let Some(row) = self.values.get(s * width..(s + 1) * width) else { continue };
             let next = s + 1;
-            if let (Some(dx), Some(dz), Some(da)) =
-                (path.d_x.get(next), path.d_z.get(next), path.d_angle.get(next))
+            if let (Some(dx), Some(dz), Some(da)) = (path.d_x.get(next), path.d_z.get(next), path.d_angle.get(next))
                 && next < frames
             {
                 sum_x += *dx;
@@ -179,7 +178,11 @@ impl Features<'_> {
                 let (vx, vz) = (self.root(row, VELOCITY_X), self.root(row, VELOCITY_Z));
                 let (rx, rz) = (vx * cos - vz * sin, vx * sin + vz * cos);
                 sum_angle += 2.0 * (*da + sum_z * rx - sum_x * rz);
-                let d = [(YAW, sum_angle), (VELOCITY_X, sum_x * cos + sum_z * sin), (VELOCITY_Z, sum_z * cos - sum_x * sin)];
+                let d = [
+                    (YAW, sum_angle),
+                    (VELOCITY_X, sum_x * cos + sum_z * sin),
+                    (VELOCITY_Z, sum_z * cos - sum_x * sin),
+                ];
                 for (channel, d) in d {
                     if let Some(g) = g.get_mut(s * width + channel) {
                         *g += d * constants(self.mean, self.std, channel).0;

@@ -5,6 +5,6 @@
 
 pub mod conv1d;
 pub mod mask;
-pub mod quantise;
 pub mod output;
+pub mod quantise;
 pub mod residual;

@@ -58,10 +58,8 @@ impl Residual<'_> {
             mask::relu(row, mask);
             *scale = quantise::row(row, q, limit);
         }
-        let input = Rows {
-            q: scratch.q.get(..rows * width).unwrap_or(&[]),
-            scales: scratch.scales.get(..rows).unwrap_or(&[]),
-        };
+        let input =
+            Rows { q: scratch.q.get(..rows * width).unwrap_or(&[]), scales: scratch.scales.get(..rows).unwrap_or(&[]) };
         let hidden = masks.hidden.chunks_mut(mask_len);
         for (block, (x, masks)) in x.chunks_mut(block_len).zip(hidden).enumerate() {
             let hidden = scratch.block.get_mut(..x.len()).unwrap_or(&mut []);
@@ -105,13 +103,9 @@ impl Residual<'_> {
             }
             self.conv1.quantise_gradient(hidden, q, scales, scratch.row);
         }
-        let inner = Rows {
-            q: scratch.q.get(..rows * width).unwrap_or(&[]),
-            scales: scratch.scales.get(..rows).unwrap_or(&[]),
-        };
-        for (block, (g, masks)) in
-            g.chunks_mut(block_len).zip(masks.input.chunks(mask_len)).enumerate()
-        {
+        let inner =
+            Rows { q: scratch.q.get(..rows * width).unwrap_or(&[]), scales: scratch.scales.get(..rows).unwrap_or(&[]) };
+        for (block, (g, masks)) in g.chunks_mut(block_len).zip(masks.input.chunks(mask_len)).enumerate() {
             let dx = scratch.block.get_mut(..g.len()).unwrap_or(&mut []);
             self.conv1.backward(inner, block * BLOCK, dx, scratch.acc);
             for (dx, mask) in dx.chunks_exact_mut(width).zip(masks.chunks_exact(words)) {

@@ -1,0 +1,273 @@
+//! Small random models, written byte by byte from `runtime/src/blob/FORMAT.md`, independently of the converter.
+
+use motionette::blob::{
+    Card, DType, DecoderConfig, Header, MAJOR, MINOR, Manifest, Representation, SelfTest, TensorEntry,
+};
+use motionette::hash::Stream;
+
+/// Shape of a small model.
+#[derive(Debug, Clone)]
+pub struct Shape {
+    /// Decoder width.
+    pub width: u16,
+    /// Code width.
+    pub code_width: u16,
+    /// Codes.
+    pub codes: u16,
+    /// Residual quantizers.
+    pub quantizers: u8,
+    /// Upsampling stages.
+    pub stages: u8,
+    /// Dilations in order of execution.
+    pub dilations: Vec<u8>,
+    /// Leading output rows in int16.
+    pub wide: u16,
+    /// Longest motion.
+    pub max_tokens: u16,
+}
+
+impl Default for Shape {
+    fn default() -> Self {
+        Shape {
+            width: 10,
+            code_width: 6,
+            codes: 11,
+            quantizers: 1,
+            stages: 2,
+            dilations: vec![3, 1],
+            wide: 4,
+            max_tokens: 49,
+        }
+    }
+}
+
+/// Features of the only representation there is.
+pub const FEATURES: u16 = 263;
+
+/// One convolution with its weights as real numbers, for the oracle.
+#[derive(Debug, Clone)]
+pub struct Layer {
+    /// Kernel size.
+    pub taps: usize,
+    /// Dilation.
+    pub dilation: usize,
+    /// Output channels.
+    pub outputs: usize,
+    /// Input channels.
+    pub inputs: usize,
+    /// `[taps][outputs][inputs]`, dequantised.
+    pub weights: Vec<f64>,
+    /// `[outputs]`
+    pub biases: Vec<f64>,
+}
+
+/// A blob and what is in it.
+#[derive(Debug, Clone)]
+pub struct Tiny {
+    /// The shape it was made with.
+    pub shape: Shape,
+    /// Layers in order of execution.
+    pub layers: Vec<Layer>,
+    /// `[Q][V][du]`
+    pub codes: Vec<f64>,
+    /// `[F]`
+    pub mean: Vec<f64>,
+    /// `[F]`
+    pub std: Vec<f64>,
+    words: Vec<u128>,
+    len: usize,
+}
+
+/// A table entry without its name's lifetime.
+type Entry = (String, DType, [u16; 3], u32);
+
+struct Writer {
+    random: Stream,
+    entries: Vec<Entry>,
+    weights: Vec<u8>,
+}
+
+impl Writer {
+    fn tensor(&mut self, name: &str, dtype: DType, shape: [u16; 3], bytes: impl IntoIterator<Item = u8>) {
+        self.weights.resize(self.weights.len().next_multiple_of(16), 0);
+        self.entries.push((name.to_owned(), dtype, shape, self.weights.len() as u32));
+        self.weights.extend(bytes);
+    }
+
+    fn singles(&mut self, name: &str, values: &[f32]) {
+        self.tensor(name, DType::F32, [1, 1, values.len() as u16], values.iter().flat_map(|v| v.to_le_bytes()));
+    }
+
+    /// A number in -1..1.
+    fn signed(&mut self) -> f32 {
+        2.0 * self.random.unit() - 1.0
+    }
+
+    fn int8(&mut self) -> i8 {
+        (self.random.below(255) as i32 - 127) as i8
+    }
+
+    fn layer(&mut self, name: &str, taps: u16, dilation: u8, outputs: u16, inputs: u16, wide: u16) -> Layer {
+        let count = |rows: u16| usize::from(taps) * usize::from(rows) * usize::from(inputs);
+        let planes: Vec<i8> = (0..2 * count(wide)).map(|_| self.int8()).collect();
+        let narrow: Vec<i8> = (0..count(outputs - wide)).map(|_| self.int8()).collect();
+        // Scales that keep the signal's size from layer to layer.
+        let fan_in = f32::from(taps) * f32::from(inputs);
+        let scales: Vec<f32> = (0..outputs)
+            .map(|n| (0.5 + self.random.unit()) / fan_in.sqrt() / if n < wide { 73.0 * 256.0 } else { 73.0 })
+            .collect();
+        let biases: Vec<f32> = (0..outputs).map(|_| 0.3 * self.signed()).collect();
+        if wide > 0 {
+            self.tensor(
+                &format!("{name}.wide"),
+                DType::I16Planes,
+                [taps, wide, inputs],
+                planes.iter().map(|&v| v as u8),
+            );
+        }
+        if wide < outputs {
+            self.tensor(name, DType::I8, [taps, outputs - wide, inputs], narrow.iter().map(|&v| v as u8));
+        }
+        self.singles(&format!("{name}.scale"), &scales);
+        self.singles(&format!("{name}.bias"), &biases);
+
+        let (rows, wide_rows, columns) = (usize::from(outputs), usize::from(wide), usize::from(inputs));
+        let mut weights = vec![0.0; usize::from(taps) * rows * columns];
+        for tap in 0..usize::from(taps) {
+            for n in 0..rows {
+                for k in 0..columns {
+                    let w = if n < wide_rows {
+                        let at = (tap * wide_rows + n) * columns + k;
+                        256.0 * f64::from(planes[at]) + f64::from(planes[count(wide) + at])
+                    } else {
+                        f64::from(narrow[(tap * (rows - wide_rows) + n - wide_rows) * columns + k])
+                    };
+                    weights[(tap * rows + n) * columns + k] = w * f64::from(scales[n]);
+                }
+            }
+        }
+        Layer {
+            taps: usize::from(taps),
+            dilation: usize::from(dilation),
+            outputs: rows,
+            inputs: columns,
+            weights,
+            biases: biases.iter().map(|&b| f64::from(b)).collect(),
+        }
+    }
+}
+
+impl Tiny {
+    /// A model with random weights.
+    ///
+    /// # Panics
+    /// When a shape does not fit the format (a mistake in the test).
+    #[must_use]
+    pub fn new(shape: Shape, seed: u64) -> Self {
+        let mut writer = Writer { random: Stream::new(seed), entries: Vec::new(), weights: Vec::new() };
+        // Root velocities of a few centimetres and degrees a frame, joints within a metre.
+        let std: Vec<f32> =
+            (0..FEATURES).map(|c| if c < 4 { 0.02 } else { 0.1 + 0.2 * writer.random.unit() }).collect();
+        let mean: Vec<f32> = (0..FEATURES).map(|c| if c < 3 { 0.01 } else { 0.5 * writer.signed() }).collect();
+        writer.singles("mean", &mean);
+        writer.singles("std", &std);
+        let mut codes = Vec::new();
+        for quantizer in 0..shape.quantizers {
+            let book: Vec<u16> = (0..usize::from(shape.codes) * usize::from(shape.code_width))
+                .map(|_| half_bits(writer.signed()))
+                .collect();
+            codes.extend(book.iter().map(|&bits| half_value(bits)));
+            let name = format!("quantizer.layers.{quantizer}.codebook");
+            let bytes = book.iter().flat_map(|v| v.to_le_bytes());
+            writer.tensor(&name, DType::F16, [1, shape.codes, shape.code_width], bytes);
+        }
+        let width = shape.width;
+        let mut layers = vec![writer.layer("decoder.model.0", 3, 1, width, shape.code_width, 0)];
+        for stage in 0..shape.stages {
+            for (block, &dilation) in shape.dilations.iter().enumerate() {
+                let name = format!("decoder.model.{}.0.model.{block}", stage + 2);
+                layers.push(writer.layer(&format!("{name}.conv1"), 3, dilation, width, width, 0));
+                layers.push(writer.layer(&format!("{name}.conv2"), 1, 1, width, width, 0));
+            }
+            layers.push(writer.layer(&format!("decoder.model.{}.2", stage + 2), 3, 1, width, width, 0));
+        }
+        layers.push(writer.layer("decoder.middle", 3, 1, width, width, 0));
+        layers.push(writer.layer("decoder.output", 3, 1, FEATURES, width, shape.wide));
+
+        let manifest = Manifest {
+            card: Card { name: "tiny", licence: "MIT OR Apache-2.0", data: "random numbers", checkpoint: "" },
+            representation: Representation::HumanMl3d,
+            frame_rate: 20,
+            max_tokens: shape.max_tokens,
+            decoder: DecoderConfig {
+                width,
+                code_width: shape.code_width,
+                codes: shape.codes,
+                quantizers: shape.quantizers,
+                stages: shape.stages,
+                dilations: shape.dilations.iter().copied().collect(),
+                features: FEATURES,
+            },
+            self_test: SelfTest { seed: 0, tokens: 0, hash: 0 },
+            tensor_count: writer.entries.len() as u16,
+        };
+        let blob = assemble(&manifest, &writer.entries, &writer.weights);
+        let mut words = vec![0u128; blob.len().div_ceil(16)];
+        for (word, bytes) in words.iter_mut().zip(blob.chunks(16)) {
+            let mut whole = [0u8; 16];
+            whole[..bytes.len()].copy_from_slice(bytes);
+            *word = u128::from_le_bytes(whole);
+        }
+        let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect();
+        Tiny { layers, codes, mean: wide(&mean), std: wide(&std), len: blob.len(), words, shape }
+    }
+
+    /// The blob, aligned as a reader needs it.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &bytes_of(&self.words)[..self.len]
+    }
+}
+
+/// A blob from its parts, with lengths and checksum in place.
+///
+/// # Panics
+/// When the manifest cannot be serialised (it always can).
+#[must_use]
+pub fn assemble(manifest: &Manifest<'_>, entries: &[Entry], weights: &[u8]) -> Vec<u8> {
+    let mut text = postcard::to_stdvec(manifest).expect("manifest serialises");
+    for (name, dtype, shape, offset) in entries {
+        let entry = TensorEntry { name, dtype: *dtype, shape: *shape, offset: *offset };
+        text.extend(postcard::to_stdvec(&entry).expect("entry serialises"));
+    }
+    let weights_offset = (32 + text.len()).next_multiple_of(16);
+    let mut header = Header {
+        major: MAJOR,
+        minor: MINOR,
+        total_len: (weights_offset + weights.len()) as u32,
+        manifest_len: text.len() as u32,
+        weights_offset: weights_offset as u32,
+        weights_len: weights.len() as u32,
+        crc: 0,
+    };
+    let mut blob = header.emit().to_vec();
+    blob.extend(text);
+    blob.resize(weights_offset, 0);
+    blob.extend(weights);
+    header.crc = Header::checksum(&blob);
+    blob[..32].copy_from_slice(&header.emit());
+    blob
+}
+
+/// Words as bytes in memory order.
+fn bytes_of(words: &[u128]) -> &[u8] {
+    bytemuck::cast_slice(words)
+}
+
+fn half_bits(value: f32) -> u16 {
+    half::f16::from_f32(value).to_bits()
+}
+
+fn half_value(bits: u16) -> f64 {
+    half::f16::from_bits(bits).to_f64()
+}
