@@ -4,6 +4,7 @@ use crate::JOINTS;
 use crate::arena::{Arena, ArenaTooSmall};
 use crate::decoding::codebook::TokenOutOfRange;
 use crate::decoding::decoder::{Interrupted, Workspace};
+use crate::log;
 use crate::model::Model;
 use crate::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels};
 use crate::nn::output::Channels;
@@ -288,7 +289,11 @@ impl<'a> Generator<'a> {
     /// # Errors
     /// [`Error`]; the generator can be used again at once.
     pub fn generate(&mut self, request: &Request<'_>, observer: &mut impl Observer) -> Result<Motion<'_>, Error> {
-        self.run(request, observer)
+        let result = self.run(request, observer);
+        if let Err(error) = &result {
+            log::refused!("request refused: {}", error);
+        }
+        result
     }
 
     fn run(&mut self, request: &Request<'_>, observer: &mut dyn Observer) -> Result<Motion<'_>, Error> {
@@ -337,7 +342,10 @@ impl<'a> Generator<'a> {
                 in_range: true,
             };
             refinement = match refining::solve(&mut map, u, &anchors, &config, scratch) {
-                Ok(report) => Some(report),
+                Ok(report) => {
+                    log::debug!("refined: {}", report);
+                    Some(report)
+                }
                 Err(SolverError::Aborted) => return Err(Error::Aborted),
                 Err(e) => return Err(Error::Solver(e)),
             };
@@ -362,6 +370,7 @@ impl<'a> Generator<'a> {
                 }
             }
         }
+        log::debug!("decoded {} frames in {} arena bytes", frames, arena.used());
         Ok(Motion { joints, u, frame_rate: model.frame_rate(), refinement, arena_used: arena.used() })
     }
 

@@ -42,6 +42,7 @@ pub mod decoding;
 pub mod generator;
 pub mod hash;
 pub mod kernels;
+mod log;
 pub mod model;
 pub mod motion;
 pub mod nn;

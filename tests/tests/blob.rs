@@ -1,0 +1,129 @@
+//! Blobs that are cut short, damaged, of another version or hostile: each is refused with an error that says why.
+
+use motionette::blob::{Error, HEADER_LEN, Header};
+use motionette::{Generator, Model, Request};
+use motionette_tests::tiny::{Shape, Tiny};
+
+fn tiny() -> Tiny {
+    Tiny::new(Shape { width: 4, code_width: 3, codes: 5, dilations: vec![1], wide: 4, ..Shape::default() }, 3)
+}
+
+/// A blob in aligned memory that may be changed.
+struct Editable {
+    words: Vec<u128>,
+    len: usize,
+}
+
+impl Editable {
+    fn new(bytes: &[u8]) -> Self {
+        let mut words = vec![0u128; bytes.len().div_ceil(16) + 1];
+        bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..bytes.len()].copy_from_slice(bytes);
+        Editable { words, len: bytes.len() }
+    }
+
+    fn bytes(&mut self) -> &mut [u8] {
+        &mut bytemuck::cast_slice_mut(&mut self.words)[..self.len]
+    }
+
+    /// Makes the checksum fit again, so that what follows it is tested.
+    fn repair(&mut self) {
+        let crc = Header::checksum(self.bytes());
+        self.bytes()[24..28].copy_from_slice(&crc.to_le_bytes());
+    }
+
+    fn open(&mut self) -> Result<(), Error> {
+        Model::open(self.bytes()).map(|_| ())
+    }
+}
+
+#[test]
+fn every_truncation_and_every_flipped_bit_is_refused() {
+    let tiny = tiny();
+    let mut blob = Editable::new(tiny.bytes());
+    assert_eq!(blob.open(), Ok(()));
+    for len in 0..tiny.bytes().len() {
+        let needed = if len < HEADER_LEN { HEADER_LEN } else { tiny.bytes().len() } as u32;
+        let cut = Model::open(&tiny.bytes()[..len]).map(|_| ());
+        assert_eq!(cut, Err(Error::Truncated { needed, available: len as u32 }));
+    }
+    for bit in (0..tiny.bytes().len() * 8).step_by(7) {
+        blob.bytes()[bit / 8] ^= 1 << (bit % 8);
+        assert!(blob.open().is_err(), "bit {bit}");
+        blob.bytes()[bit / 8] ^= 1 << (bit % 8);
+    }
+    assert_eq!(blob.open(), Ok(()));
+}
+
+#[test]
+fn errors_name_what_was_found() {
+    let tiny = tiny();
+    let mut blob = Editable::new(tiny.bytes());
+    blob.bytes()[0] = b'X';
+    assert_eq!(blob.open(), Err(Error::NotABlob { found: *b"XNTB" }));
+    blob.bytes()[0] = b'M';
+    blob.bytes()[4] = 9;
+    assert_eq!(blob.open(), Err(Error::Version { found: 9, supported: 1 }));
+    blob.bytes()[4] = 1;
+    blob.bytes()[40] ^= 1;
+    assert!(matches!(blob.open(), Err(Error::Checksum { .. })));
+    blob.bytes()[40] ^= 1;
+    let mut shifted = vec![0u128; tiny.bytes().len() / 16 + 2];
+    let shifted: &mut [u8] = bytemuck::cast_slice_mut(&mut shifted);
+    shifted[4..4 + tiny.bytes().len()].copy_from_slice(tiny.bytes());
+    let moved = Model::open(&shifted[4..4 + tiny.bytes().len()]).map(|_| ());
+    assert_eq!(moved, Err(Error::Misaligned { remainder: 4 }));
+}
+
+#[test]
+fn refused_values_name_tensor_and_element() {
+    let tiny = tiny();
+    let weights = u32::from_le_bytes(tiny.bytes()[16..20].try_into().unwrap()) as usize;
+    let with = |offset: usize, value: f32| {
+        let mut blob = Editable::new(tiny.bytes());
+        blob.bytes()[weights + offset..weights + offset + 4].copy_from_slice(&value.to_le_bytes());
+        blob.repair();
+        blob.open()
+    };
+    // The first tensor is the mean, the second the standard deviation, 16-byte aligned.
+    let std = (4 * 263usize).next_multiple_of(16);
+    assert_eq!(with(4 * 17, f32::NAN), Err(Error::TensorValue { index: 0, element: 17 }));
+    assert_eq!(with(4 * 3, f32::INFINITY), Err(Error::TensorValue { index: 0, element: 3 }));
+    assert_eq!(with(4 * 3, 1e9), Err(Error::TensorValue { index: 0, element: 3 }));
+    assert_eq!(with(std + 4 * 5, 0.0), Err(Error::TensorValue { index: 1, element: 5 }));
+    assert_eq!(with(std + 4 * 5, -1.0), Err(Error::TensorValue { index: 1, element: 5 }));
+    // Tensor 3 is the first layer's weights: -128 is no symmetric int8; tensor 4 its scales.
+    let codes = (std + 4 * 263usize).next_multiple_of(16);
+    let first = codes + (2 * 5 * 3usize).next_multiple_of(16);
+    let mut blob = Editable::new(tiny.bytes());
+    blob.bytes()[weights + first + 2] = 0x80;
+    blob.repair();
+    assert_eq!(blob.open(), Err(Error::TensorValue { index: 3, element: 2 }));
+    let scales = first + (3 * 4 * 3usize).next_multiple_of(16);
+    assert_eq!(with(scales, 1e30), Err(Error::Unbounded { index: 3 }));
+    assert_eq!(with(scales, f32::MIN_POSITIVE / 2.0), Err(Error::TensorValue { index: 4, element: 0 }));
+}
+
+/// Whatever the bytes, opening them answers, and what opens can be run.
+#[test]
+fn mutated_manifests_never_panic() {
+    let tiny = tiny();
+    let manifest = HEADER_LEN..u32::from_le_bytes(tiny.bytes()[16..20].try_into().unwrap()) as usize;
+    let mut arena = vec![0u8; 1 << 20];
+    let mut opened = 0;
+    for at in (0..HEADER_LEN).chain(manifest) {
+        for value in [0u8, 1, 2, 3, 7, 16, 63, 127, 128, 129, 200, 255] {
+            let mut blob = Editable::new(tiny.bytes());
+            blob.bytes()[at] = value;
+            blob.repair();
+            if let Ok(model) = Model::open(blob.bytes()) {
+                opened += 1;
+                let mut generator = Generator::new(model, &mut arena).unwrap();
+                if let Ok(motion) = generator.generate(&Request::tokens(&[0, 1]), &mut ()) {
+                    assert!(motion.joints().iter().all(|v| v.is_finite()), "byte {at} = {value}");
+                }
+                let _ = generator.self_test();
+            }
+        }
+    }
+    assert!(opened > 10, "only {opened} mutants opened: the checksum was not repaired");
+}
