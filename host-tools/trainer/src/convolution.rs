@@ -1,0 +1,166 @@
+//! Convolution along time on the tensor framework, channels last.
+//!
+//! Patches are gathered and multiplied (im2col): on the CPU backend that takes half the time of the framework's own convolution.
+
+use burn::tensor::{Device, Tensor, TensorData};
+
+/// Shape of one convolution. Padding is zero: `dilation` on both sides for kernel 3, one on both sides for kernel 4 with stride 2.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Name in the checkpoint, without `.weight` and `.bias`.
+    pub name: String,
+    /// Channels in.
+    pub inputs: usize,
+    /// Channels out.
+    pub outputs: usize,
+    /// Taps: 1, 3 (stride 1) or 4 (stride 2).
+    pub kernel: usize,
+    /// Distance of two taps in samples.
+    pub dilation: usize,
+}
+
+impl Shape {
+    /// Number of weights.
+    pub fn weights(&self) -> usize {
+        self.kernel * self.inputs * self.outputs
+    }
+
+    /// Number of weights and biases.
+    pub fn parameters(&self) -> usize {
+        self.weights() + self.outputs
+    }
+}
+
+/// One convolution, its parameters on a device.
+#[derive(Clone, Debug)]
+pub struct Convolution {
+    /// `[kernel * inputs, outputs]`, the tap is the slow index of a row.
+    pub weight: Tensor<2>,
+    /// `[1, outputs]`.
+    pub bias: Tensor<2>,
+    shape: Shape,
+}
+
+impl Convolution {
+    /// Takes `shape.parameters()` values: weights `[kernel][inputs][outputs]`, then biases. They become leaves of a graph when
+    /// `tracked` and the device differentiates.
+    pub fn new(shape: &Shape, values: &[f32], tracked: bool, device: &Device) -> Self {
+        let (weight, bias) = values.split_at(shape.weights());
+        let rows = shape.kernel * shape.inputs;
+        let leaf = |tensor: Tensor<2>| if tracked { tensor.require_grad() } else { tensor };
+        Self {
+            weight: leaf(Tensor::from_data(TensorData::new(weight.to_vec(), [rows, shape.outputs]), device)),
+            bias: leaf(Tensor::from_data(TensorData::new(bias.to_vec(), [1, shape.outputs]), device)),
+            shape: shape.clone(),
+        }
+    }
+
+    /// `[B, T, inputs]` to `[B, T, outputs]`, or `[B, T / 2, outputs]` for kernel 4; T must be even there.
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        let [batch, time, channels] = x.dims();
+        assert_eq!(channels, self.shape.inputs, "{}: wrong number of channels", self.shape.name);
+        let (patches, length) = match self.shape.kernel {
+            1 => (x, time),
+            3 => (taps3(x, self.shape.dilation), time),
+            4 => (taps4(x), time / 2),
+            kernel => panic!("{}: kernel {kernel} has no gather", self.shape.name),
+        };
+        let rows = patches.reshape([batch * length, self.shape.kernel * channels]);
+        (rows.matmul(self.weight.clone()) + self.bias.clone()).reshape([batch, length, self.shape.outputs])
+    }
+}
+
+/// Patches of kernel 3: `[B, T, C]` to `[B, T, 3 C]`.
+fn taps3(x: Tensor<3>, dilation: usize) -> Tensor<3> {
+    let [batch, time, channels] = x.dims();
+    let shift = dilation.min(time);
+    let zeros = Tensor::<3>::zeros([batch, shift, channels], &x.device());
+    if shift == time {
+        let outside = zeros;
+        return Tensor::cat(vec![outside.clone(), x, outside], 2);
+    }
+    let before = Tensor::cat(vec![zeros.clone(), x.clone().narrow(1, 0, time - shift)], 1);
+    let after = Tensor::cat(vec![x.clone().narrow(1, shift, time - shift), zeros], 1);
+    Tensor::cat(vec![before, x, after], 2)
+}
+
+/// Patches of kernel 4, stride 2, padding 1: `[B, T, C]` to `[B, T / 2, 4 C]`, row t holds samples 2 t - 1 .. 2 t + 2.
+fn taps4(x: Tensor<3>) -> Tensor<3> {
+    let [batch, time, channels] = x.dims();
+    let zeros = Tensor::<3>::zeros([batch, 1, channels], &x.device());
+    let padded = Tensor::cat(vec![zeros.clone(), x, zeros], 1);
+    let half = time / 2;
+    let pairs = padded.reshape([batch, half + 1, 2 * channels]);
+    Tensor::cat(vec![pairs.clone().narrow(1, 0, half), pairs.narrow(1, 1, half)], 2)
+}
+
+/// Every sample twice: `[B, T, C]` to `[B, 2 T, C]`.
+pub fn upsample(x: Tensor<3>) -> Tensor<3> {
+    let [batch, time, channels] = x.dims();
+    Tensor::cat(vec![x.clone(), x], 2).reshape([batch, 2 * time, channels])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    fn noise(n: usize, stream: u64) -> Vec<f32> {
+        let mut random = Random::new(11, stream);
+        (0..n).map(|_| random.symmetric() as f32).collect()
+    }
+
+    /// Plain loops over the definition.
+    fn direct(shape: &Shape, values: &[f32], x: &[f32], time: usize) -> Vec<f32> {
+        let (stride, padding) = match shape.kernel {
+            4 => (2, 1),
+            k => (1, (k - 1) / 2 * shape.dilation),
+        };
+        let length = time / stride;
+        let mut y = vec![0.0; length * shape.outputs];
+        for t in 0..length {
+            for o in 0..shape.outputs {
+                let mut sum = values[shape.weights() + o];
+                for tap in 0..shape.kernel {
+                    let source = (t * stride + tap * shape.dilation) as isize - padding as isize;
+                    if source < 0 || source >= time as isize {
+                        continue;
+                    }
+                    for c in 0..shape.inputs {
+                        sum += values[(tap * shape.inputs + c) * shape.outputs + o]
+                            * x[source as usize * shape.inputs + c];
+                    }
+                }
+                y[t * shape.outputs + o] = sum;
+            }
+        }
+        y
+    }
+
+    #[test]
+    fn agrees_with_plain_loops() {
+        let device = Device::flex();
+        for (kernel, dilation, time) in
+            [(1, 1, 6), (3, 1, 8), (3, 3, 8), (3, 9, 8), (3, 9, 4), (3, 3, 10), (4, 1, 8), (4, 1, 2)]
+        {
+            let shape = Shape { name: "test".into(), inputs: 3, outputs: 5, kernel, dilation };
+            let values = noise(shape.parameters(), kernel as u64);
+            let x = noise(2 * time * 3, 99);
+            let convolution = Convolution::new(&shape, &values, false, &device);
+            let y = convolution.forward(Tensor::from_data(TensorData::new(x.clone(), [2, time, 3]), &device));
+            let y = y.into_data().to_vec::<f32>().unwrap();
+            let expected: Vec<f32> = x.chunks(time * 3).flat_map(|x| direct(&shape, &values, x, time)).collect();
+            assert_eq!(y.len(), expected.len());
+            for (a, b) in y.iter().zip(&expected) {
+                assert!((a - b).abs() < 1e-5, "kernel {kernel} dilation {dilation} time {time}: {a} != {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn upsample_repeats_samples() {
+        let x = Tensor::<3>::from_data(TensorData::new(vec![1.0f32, 2.0, 3.0, 4.0], [1, 2, 2]), &Device::flex());
+        let y = upsample(x).into_data().to_vec::<f32>().unwrap();
+        assert_eq!(y, [1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]);
+    }
+}

@@ -1,0 +1,24 @@
+//! Training of motionette's models. The automatic differentiation framework lives here and nowhere else.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`tokenizer`] | the motion tokenizer: a VQ-VAE |
+//! | [`convolution`] | convolution along time on the framework |
+//! | [`optimizer`] | AdamW with averaged weights |
+//! | [`normalization`] | mean and deviation of features |
+//! | [`tensor_file`] | named tensors and text as safetensors |
+//! | [`random`] | random numbers by seed and step |
+//!
+//! A run is decided by its configuration, its dataset and the number of steps; all three are part of a checkpoint. Steps do not
+//! depend on what ran before in the same process, so a resumed run gives the same weights as one that was never interrupted.
+
+#![deny(unsafe_code)]
+
+pub mod convolution;
+pub mod normalization;
+pub mod optimizer;
+pub mod random;
+pub mod tensor_file;
+#[cfg(test)]
+mod testing;
+pub mod tokenizer;

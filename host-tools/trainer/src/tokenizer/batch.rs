@@ -1,0 +1,134 @@
+//! Training motions and random crops of them.
+
+use motionette_host::dataset::{ClipView, Dataset, Split};
+use motionette_host::motion::features::{Bones, Options, extract};
+use motionette_host::motion::mirror::mirror_joints;
+use motionette_host::parallel;
+
+use super::Error;
+use super::config::{FEATURES, FRAMES_PER_TOKEN};
+use crate::normalization::Normalization;
+use crate::random::Random;
+
+/// The training split with its mirrored twin, normalised.
+pub struct Corpus {
+    motions: Vec<Vec<f32>>,
+    /// Running number of frames, for drawing a motion in proportion to its length.
+    frames_before: Vec<usize>,
+    frames: usize,
+    normalization: Normalization,
+}
+
+/// Crops of one step.
+pub struct Batch {
+    /// `[B][window][F]` normalised features, zero beyond a crop's end.
+    pub features: Vec<f32>,
+    /// `[B]` valid frames, multiples of 4.
+    pub lengths: Vec<usize>,
+}
+
+impl Corpus {
+    /// Takes every clip of the training split that holds at least one token, and its mirrored twin.
+    ///
+    /// # Errors
+    /// [`Error::NoMotion`] when there is none, [`Error::Mirror`] when features cannot be extracted from mirrored joints.
+    pub fn new(dataset: &Dataset) -> Result<Self, Error> {
+        let clips: Vec<ClipView<'_>> =
+            dataset.split(Split::Train).filter(|clip| clip.frames() > FRAMES_PER_TOKEN).collect();
+        if clips.is_empty() {
+            return Err(Error::NoMotion { split: Split::Train });
+        }
+        let twin = |clip: &ClipView<'_>| {
+            let options = Options { bones: Bones::Keep, ..Options::default() };
+            extract(&mirror_joints(clip.joints), &options)
+                .map_err(|source| Error::Mirror { clip: clip.info.id.clone(), source })
+        };
+        let twins = parallel::map(&clips, twin);
+        let mut motions = Vec::with_capacity(2 * clips.len());
+        for (clip, twin) in clips.iter().zip(twins) {
+            motions.push(clip.features.to_vec());
+            motions.push(twin?);
+        }
+        let normalization = Normalization::of(motions.iter().map(Vec::as_slice));
+        let mut frames_before = Vec::with_capacity(motions.len());
+        let mut frames = 0;
+        for motion in &mut motions {
+            *motion = normalization.apply(motion);
+            frames_before.push(frames);
+            frames += motion.len() / FEATURES;
+        }
+        Ok(Self { motions, frames_before, frames, normalization })
+    }
+
+    /// Mean and deviation of the motions.
+    pub fn normalization(&self) -> &Normalization {
+        &self.normalization
+    }
+
+    /// Number of motions, mirrored ones included.
+    pub fn motions(&self) -> usize {
+        self.motions.len()
+    }
+
+    /// Number of frames, mirrored ones included.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// `size` crops of up to `window` frames: motions in proportion to their length, starts uniform but with the mass that would hang
+    /// over an end moved to that end, so that first and last frames of clips are seen as often as others.
+    pub fn batch(&self, size: usize, window: usize, random: &mut Random) -> Batch {
+        let mut features = vec![0.0; size * window * FEATURES];
+        let mut lengths = Vec::with_capacity(size);
+        for crop in features.chunks_exact_mut(window * FEATURES) {
+            let frame = random.below(self.frames);
+            let motion = &self.motions[self.frames_before.partition_point(|before| *before <= frame) - 1];
+            let frames = motion.len() / FEATURES;
+            let length = window.min(frames / FRAMES_PER_TOKEN * FRAMES_PER_TOKEN);
+            let room = frames - length;
+            let start = (random.below(room + length) as isize - length as isize / 2).clamp(0, room as isize) as usize;
+            crop[..length * FEATURES].copy_from_slice(&motion[start * FEATURES..(start + length) * FEATURES]);
+            lengths.push(length);
+        }
+        Batch { features, lengths }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn crops_are_pieces_of_motions_padded_with_zeros() {
+        let dataset = testing::dataset(6, 40);
+        let corpus = Corpus::new(&dataset).unwrap();
+        assert_eq!(corpus.motions(), 2 * dataset.split(Split::Train).count());
+        let batch = corpus.batch(50, 32, &mut Random::new(1, 1));
+        let mut padded = 0;
+        for (crop, length) in batch.features.chunks(32 * FEATURES).zip(&batch.lengths) {
+            assert!(length % 4 == 0 && *length > 0);
+            padded += usize::from(*length < 32);
+            let (valid, rest) = crop.split_at(length * FEATURES);
+            assert!(rest.iter().all(|x| *x == 0.0));
+            let found = corpus.motions.iter().any(|m| m.windows(valid.len()).step_by(FEATURES).any(|w| w == valid));
+            assert!(found, "a crop is not a piece of a motion");
+        }
+        assert!(padded > 0 && padded < 50, "the example has short and long clips");
+    }
+
+    #[test]
+    fn batches_repeat_with_the_seed() {
+        let corpus = Corpus::new(&testing::dataset(4, 30)).unwrap();
+        let draw = |stream| corpus.batch(3, 16, &mut Random::new(9, stream)).features;
+        assert_eq!(draw(1), draw(1));
+        assert_ne!(draw(1), draw(2));
+    }
+
+    #[test]
+    fn no_training_clips_is_a_typed_error() {
+        let mut dataset = testing::dataset(3, 20);
+        dataset.clips.iter_mut().for_each(|clip| clip.split = Split::Test);
+        assert!(matches!(Corpus::new(&dataset), Err(Error::NoMotion { split: Split::Train })));
+    }
+}

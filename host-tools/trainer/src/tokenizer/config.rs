@@ -1,0 +1,183 @@
+//! What a tokenizer run is made of: sizes, schedule, loss weights.
+
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+
+/// Features of one frame (EQUATIONS section 1).
+pub const FEATURES: usize = 263;
+/// Frames per second.
+pub const FPS: usize = 20;
+/// Stages that halve (encoder) or double (decoder) the number of samples.
+pub const DOWN_T: usize = 2;
+/// Frames a token stands for.
+pub const FRAMES_PER_TOKEN: usize = 1 << DOWN_T;
+/// Longest motion of a model: 49 tokens.
+pub const MAX_FRAMES: usize = 196;
+
+/// Sizes of the networks. The topology is MoMask's and fixed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Architecture {
+    /// Channels of the decoder.
+    pub width: usize,
+    /// Channels of the encoder, which never leaves the host.
+    pub encoder_width: usize,
+    /// Width of a code.
+    pub code_dim: usize,
+    /// Rows of the codebook.
+    pub codes: usize,
+    /// Dilations of the residual blocks of a stage, in the order of execution.
+    pub dilations: Vec<usize>,
+}
+
+/// Weights of the terms of the objective, see [`super::loss`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossWeights {
+    /// Smooth-L1 on normalised features, one share a group: yaw velocity, planar velocity, height, local positions, rotations,
+    /// velocities, contacts.
+    pub groups: [f32; 7],
+    /// Mean distance of local joint positions, per metre.
+    pub position: f32,
+    /// Mean change of that error from frame to frame, per metre.
+    pub velocity: f32,
+    /// Mean distance of the rolled-out root on the floor, per metre.
+    pub root: f32,
+    /// Mean error of the rolled-out heading, per radian.
+    pub heading: f32,
+    /// Commitment: mean squared distance of latents to their codes.
+    pub commitment: f32,
+}
+
+/// Everything that decides a run. Two runs with equal configuration, data and version give equal weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Name of the preset the configuration began as.
+    pub preset: String,
+    /// Sizes.
+    pub architecture: Architecture,
+    /// Seed of weights, batches and code resets.
+    pub seed: u64,
+    /// Crops in a batch.
+    pub batch: usize,
+    /// Frames of a crop, a multiple of 4.
+    pub window: usize,
+    /// Largest learning rate.
+    pub learning_rate: f32,
+    /// Steps of linear warm-up.
+    pub warm_up: u64,
+    /// Last share of the steps, in which the learning rate falls along a cosine.
+    pub decay: f64,
+    /// Learning rate at the end as a share of the largest.
+    pub final_rate: f32,
+    /// Decoupled weight decay.
+    pub weight_decay: f32,
+    /// Largest global norm of the gradient.
+    pub clip: f32,
+    /// Decay of the averaged weights, which become the checkpoint.
+    pub average_decay: f32,
+    /// Steps before quantisation begins; then the codebook starts from k-means over latents.
+    pub quantize_from: u64,
+    /// Decay of the codebook's running sums.
+    pub codebook_decay: f32,
+    /// A code whose running count of tokens a batch falls below this is dead and moves to a latent of the batch.
+    pub dead_below: f32,
+    /// Loss weights.
+    pub loss: LossWeights,
+}
+
+impl Config {
+    /// The configuration of a preset: `nano` is the model that ships, `tiny` is for tests.
+    ///
+    /// # Errors
+    /// [`Error::UnknownPreset`] for any other name.
+    pub fn preset(name: &str) -> Result<Self, Error> {
+        let nano = Self {
+            preset: name.to_owned(),
+            architecture: Architecture {
+                width: 96,
+                encoder_width: 128,
+                code_dim: 32,
+                codes: 512,
+                dilations: vec![9, 3, 1],
+            },
+            seed: 1,
+            batch: 64,
+            window: 64,
+            learning_rate: 6e-4,
+            warm_up: 200,
+            decay: 0.35,
+            final_rate: 0.01,
+            weight_decay: 0.01,
+            clip: 1.0,
+            average_decay: 0.999,
+            quantize_from: 300,
+            codebook_decay: 0.99,
+            dead_below: 0.1,
+            loss: LossWeights {
+                groups: [0.15, 0.15, 0.05, 0.40, 0.10, 0.12, 0.03],
+                position: 2.0,
+                velocity: 2.0,
+                root: 0.5,
+                heading: 0.3,
+                commitment: 0.1,
+            },
+        };
+        match name {
+            "nano" => Ok(nano),
+            "tiny" => Ok(Self {
+                architecture: Architecture {
+                    width: 8,
+                    encoder_width: 12,
+                    code_dim: 4,
+                    codes: 8,
+                    dilations: vec![3, 1],
+                },
+                batch: 4,
+                window: 16,
+                warm_up: 2,
+                quantize_from: 3,
+                ..nano
+            }),
+            _ => Err(Error::UnknownPreset { name: name.to_owned() }),
+        }
+    }
+
+    /// Checks what the rest of the trainer relies on.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] with the field, its value and what is allowed.
+    pub fn check(&self) -> Result<(), Error> {
+        let require = |holds: bool, field: &'static str, value: String, allowed: &'static str| {
+            if holds { Ok(()) } else { Err(Error::Setting { field, value, allowed }) }
+        };
+        let a = &self.architecture;
+        let width = 1..=1024;
+        require(width.contains(&a.width), "width", a.width.to_string(), "1 to 1024")?;
+        require(width.contains(&a.encoder_width), "encoder_width", a.encoder_width.to_string(), "1 to 1024")?;
+        require(width.contains(&a.code_dim), "code_dim", a.code_dim.to_string(), "1 to 1024")?;
+        require((2..=65536).contains(&a.codes), "codes", a.codes.to_string(), "2 to 65536")?;
+        let dilations = (1..=8).contains(&a.dilations.len()) && a.dilations.iter().all(|d| (1..=64).contains(d));
+        require(dilations, "dilations", format!("{:?}", a.dilations), "1 to 8 values, each 1 to 64")?;
+        require((1..=4096).contains(&self.batch), "batch", self.batch.to_string(), "1 to 4096")?;
+        let window = self.window.is_multiple_of(FRAMES_PER_TOKEN) && (8..=MAX_FRAMES).contains(&self.window);
+        require(window, "window", self.window.to_string(), "a multiple of 4 from 8 to 196")?;
+        let rate = self.learning_rate > 0.0 && self.learning_rate <= 0.1;
+        require(rate, "learning_rate", self.learning_rate.to_string(), "above 0, at most 0.1")?;
+        require((0.0..=1.0).contains(&self.decay), "decay", self.decay.to_string(), "0 to 1")?;
+        require((0.0..1.0).contains(&self.average_decay), "average_decay", self.average_decay.to_string(), "0 to 1")?;
+        require(
+            (0.0..1.0).contains(&self.codebook_decay),
+            "codebook_decay",
+            self.codebook_decay.to_string(),
+            "0 to 1",
+        )?;
+        require(self.clip > 0.0, "clip", self.clip.to_string(), "above 0")?;
+        let l = &self.loss;
+        let terms = [l.position, l.velocity, l.root, l.heading, l.commitment];
+        let weights = l.groups.iter().chain(&terms).all(|w| w.is_finite() && *w >= 0.0);
+        require(weights, "loss", format!("{l:?}"), "weights that are finite and not negative")
+    }
+}

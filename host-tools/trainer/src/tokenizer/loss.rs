@@ -1,0 +1,308 @@
+//! The reconstruction objective and its gradient with respect to the decoder's output, in plain loops.
+//!
+//! All terms are needed in metres and over time, which takes many passes over the batch as framework operations and one here.
+//! For a crop of T frames with normalised output y, target x (error e = y - x), standard deviations s and `D = s e`:
+//!
+//! * features: `mean_t sum_c w_c smooth_l1(e_tc)`, w_c = share of the channel's group / channels of the group
+//! * position: `mean_{t,j} |D_tj|` over the 21 local joint positions (root-aligned error, metres)
+//! * velocity: `mean_{t,j} |D_{t+1,j} - D_tj|`, same joints
+//! * root: `mean_t |p(y)_t - p(x)_t|` on the floor after roll-out (EQUATIONS section 1)
+//! * heading: `mean_t |2 (a(y)_t - a(x)_t)|` after roll-out
+//!
+//! Distances are `sqrt(d^2 + eps^2) - eps`, so that the gradient at zero is zero. Means run over all valid frames of the batch; the roll-out
+//! starts with every crop.
+
+use motionette_host::motion::features::{PLANAR_VELOCITY, POSITIONS, YAW_VELOCITY};
+
+use super::config::{FEATURES, LossWeights};
+use crate::normalization::{GROUPS, Normalization};
+
+/// Rounds the corner of distances, metres or radians.
+const EPSILON: f32 = 1e-3;
+
+/// Values of the terms, unweighted, and their weighted sum.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Terms {
+    /// Smooth-L1 on normalised features.
+    pub features: f32,
+    /// Root-aligned joint error, metres.
+    pub position: f32,
+    /// Its change from frame to frame, metres.
+    pub velocity: f32,
+    /// Root error on the floor within crops, metres.
+    pub root: f32,
+    /// Heading error within crops, radians.
+    pub heading: f32,
+    /// Weighted sum.
+    pub total: f32,
+}
+
+/// The objective with everything that stays the same during a run.
+pub struct Objective {
+    weights: LossWeights,
+    channel_weights: [f32; FEATURES],
+    normalization: Normalization,
+}
+
+impl Objective {
+    /// For features normalised by `normalization`.
+    pub fn new(weights: &LossWeights, normalization: &Normalization) -> Self {
+        let mut channel_weights = [0.0; FEATURES];
+        for (group, share) in GROUPS.iter().zip(weights.groups) {
+            channel_weights[group.clone()].fill(share / group.len() as f32);
+        }
+        Self { weights: weights.clone(), channel_weights, normalization: normalization.clone() }
+    }
+
+    /// Terms of a batch and the gradient of the weighted sum.
+    ///
+    /// `output`, `target` and `gradient` are `[B][window][F]`; crop b is valid for `lengths[b]` frames; the gradient is zero
+    /// beyond.
+    pub fn evaluate(
+        &self,
+        output: &[f32],
+        target: &[f32],
+        lengths: &[usize],
+        window: usize,
+        gradient: &mut [f32],
+    ) -> Terms {
+        gradient.fill(0.0);
+        let frames: usize = lengths.iter().sum();
+        let frames = frames.max(1) as f32;
+        let mut terms = Terms::default();
+        let size = window * FEATURES;
+        let crops = output.chunks_exact(size).zip(target.chunks_exact(size)).zip(gradient.chunks_exact_mut(size));
+        for (((y, x), g), length) in crops.zip(lengths) {
+            let valid = length * FEATURES;
+            self.crop(&y[..valid], &x[..valid], &mut g[..valid], 1.0 / frames, &mut terms);
+        }
+        let w = &self.weights;
+        terms.total = terms.features
+            + w.position * terms.position
+            + w.velocity * terms.velocity
+            + w.root * terms.root
+            + w.heading * terms.heading;
+        terms
+    }
+
+    /// Adds the terms of one crop, each frame with weight `share`.
+    fn crop(&self, y: &[f32], x: &[f32], gradient: &mut [f32], share: f32, terms: &mut Terms) {
+        let std = &self.normalization.std;
+        let joints = POSITIONS.len() / 3;
+        let per_joint = share / joints as f32;
+        let mut previous = [0.0f32; POSITIONS.end - POSITIONS.start];
+        for (t, (y, x)) in y.chunks_exact(FEATURES).zip(x.chunks_exact(FEATURES)).enumerate() {
+            let row = t * FEATURES;
+            for c in 0..FEATURES {
+                let e = y[c] - x[c];
+                let (value, slope) = smooth_l1(e);
+                terms.features += share * self.channel_weights[c] * value;
+                gradient[row + c] += share * self.channel_weights[c] * slope;
+            }
+            let mut current = [0.0f32; POSITIONS.end - POSITIONS.start];
+            for (k, c) in POSITIONS.enumerate() {
+                current[k] = std[c] * (y[c] - x[c]);
+            }
+            for joint in 0..joints {
+                let d: [f32; 3] = std::array::from_fn(|i| current[3 * joint + i]);
+                let (value, slope) = distance(d);
+                terms.position += per_joint * value;
+                for i in 0..3 {
+                    let c = POSITIONS.start + 3 * joint + i;
+                    gradient[row + c] += self.weights.position * per_joint * slope[i] * std[c];
+                }
+                if t == 0 {
+                    continue;
+                }
+                let d: [f32; 3] = std::array::from_fn(|i| current[3 * joint + i] - previous[3 * joint + i]);
+                let (value, slope) = distance(d);
+                terms.velocity += per_joint * value;
+                for i in 0..3 {
+                    let c = POSITIONS.start + 3 * joint + i;
+                    let g = self.weights.velocity * per_joint * slope[i] * std[c];
+                    gradient[row + c] += g;
+                    gradient[row - FEATURES + c] -= g;
+                }
+            }
+            previous = current;
+        }
+        self.roll_out(y, x, gradient, share, terms);
+    }
+
+    /// The two terms of the root's path.
+    fn roll_out(&self, y: &[f32], x: &[f32], gradient: &mut [f32], share: f32, terms: &mut Terms) {
+        let predicted = self.path(y);
+        let wanted = self.path(x);
+        let frames = predicted.len();
+        // Gradients of the objective with respect to the root's position and heading angle at every frame.
+        let mut by_position = vec![[0.0f32; 2]; frames];
+        let mut by_angle = vec![0.0f32; frames + 1];
+        for t in 0..frames {
+            let d = [
+                predicted[t].position[0] - wanted[t].position[0],
+                0.0,
+                predicted[t].position[1] - wanted[t].position[1],
+            ];
+            let (value, slope) = distance(d);
+            terms.root += share * value;
+            by_position[t] = [share * self.weights.root * slope[0], share * self.weights.root * slope[2]];
+            let (value, slope) = distance([2.0 * (predicted[t].angle - wanted[t].angle), 0.0, 0.0]);
+            terms.heading += share * value;
+            by_angle[t] = share * self.weights.heading * 2.0 * slope[0];
+        }
+        let std = &self.normalization.std;
+        let [vx, vz] = [PLANAR_VELOCITY.start, PLANAR_VELOCITY.start + 1];
+        // Positions after frame t depend on v[t] and, through a[t + 1], on all yaw velocities up to w[t].
+        let mut later_position = [0.0f32; 2];
+        for t in (0..frames).rev() {
+            let (sin, cos) = predicted[t].rotation;
+            let v = predicted[t].velocity;
+            let [gx, gz] = later_position;
+            gradient[t * FEATURES + vx] += (cos * gx - sin * gz) * std[vx];
+            gradient[t * FEATURES + vz] += (sin * gx + cos * gz) * std[vz];
+            // theta = -2 a[t + 1]; x' = cos v_x + sin v_z, z' = cos v_z - sin v_x.
+            let by_theta = gx * (cos * v[1] - sin * v[0]) - gz * (sin * v[1] + cos * v[0]);
+            by_angle[t + 1] += -2.0 * by_theta;
+            later_position[0] += by_position[t][0];
+            later_position[1] += by_position[t][1];
+        }
+        let mut later_angle = 0.0f32;
+        for t in (0..frames).rev() {
+            later_angle += by_angle[t + 1];
+            gradient[t * FEATURES + YAW_VELOCITY] += later_angle * std[YAW_VELOCITY];
+        }
+    }
+
+    /// Root of a crop that starts at the origin.
+    fn path(&self, normalised: &[f32]) -> Vec<RootFrame> {
+        let Normalization { mean, std } = &self.normalization;
+        let value = |row: &[f32], c: usize| row[c] * std[c] + mean[c];
+        let (mut angle, mut position) = (0.0f32, [0.0f32; 2]);
+        let mut path = Vec::with_capacity(normalised.len() / FEATURES);
+        for row in normalised.chunks_exact(FEATURES) {
+            let velocity = [value(row, PLANAR_VELOCITY.start), value(row, PLANAR_VELOCITY.start + 1)];
+            let next = angle + value(row, YAW_VELOCITY);
+            let (sin, cos) = (-2.0 * next).sin_cos();
+            path.push(RootFrame { angle, position, velocity, rotation: (sin, cos) });
+            angle = next;
+            position[0] += cos * velocity[0] + sin * velocity[1];
+            position[1] += cos * velocity[1] - sin * velocity[0];
+        }
+        path
+    }
+}
+
+/// The root at one frame.
+struct RootFrame {
+    /// Half of the heading, `a[t]`.
+    angle: f32,
+    /// x and z.
+    position: [f32; 2],
+    /// In the root's frame.
+    velocity: [f32; 2],
+    /// Sine and cosine of `-2 a[t + 1]`, which turns the velocity.
+    rotation: (f32, f32),
+}
+
+fn smooth_l1(e: f32) -> (f32, f32) {
+    if e.abs() < 1.0 { (0.5 * e * e, e) } else { (e.abs() - 0.5, e.signum()) }
+}
+
+fn distance(d: [f32; 3]) -> (f32, [f32; 3]) {
+    let length = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2] + EPSILON * EPSILON).sqrt();
+    (length - EPSILON, d.map(|x| x / length))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use motionette_host::motion::features::HEIGHT;
+    use motionette_host::motion::recover;
+
+    fn noise(n: usize, stream: u64) -> Vec<f32> {
+        let mut random = Random::new(21, stream);
+        (0..n).map(|_| random.symmetric() as f32).collect()
+    }
+
+    fn normalization() -> Normalization {
+        let mean = noise(FEATURES, 1).iter().map(|x| 0.1 * x).collect();
+        let std = noise(FEATURES, 2).iter().map(|x| 0.2 + 0.1 * x).collect();
+        Normalization { mean, std }
+    }
+
+    fn weights() -> LossWeights {
+        LossWeights {
+            groups: [0.2, 0.1, 0.1, 0.3, 0.1, 0.1, 0.1],
+            position: 1.3,
+            velocity: 0.7,
+            root: 1.1,
+            heading: 0.6,
+            commitment: 0.0,
+        }
+    }
+
+    #[test]
+    fn gradient_agrees_with_differences() {
+        let objective = Objective::new(&weights(), &normalization());
+        let (window, lengths) = (8, [8, 5]);
+        let size = 2 * window * FEATURES;
+        let (output, target) = (noise(size, 3), noise(size, 4));
+        let mut gradient = vec![0.0; size];
+        objective.evaluate(&output, &target, &lengths, window, &mut gradient);
+        let value = |output: &[f32]| {
+            let mut ignored = vec![0.0; size];
+            f64::from(objective.evaluate(output, &target, &lengths, window, &mut ignored).total)
+        };
+        // All root channels, some of every other group; frames at both ends and in the padding.
+        let channels = [0, 1, 2, HEIGHT, 4, 5, 6, 40, 66, 67, 150, 200, 260];
+        for crop in 0..2 {
+            for t in [0, 1, 4, 5, 7] {
+                for c in channels {
+                    let i = (crop * window + t) * FEATURES + c;
+                    let h = 2e-3;
+                    let mut moved = output.clone();
+                    moved[i] = output[i] + h;
+                    let above = value(&moved);
+                    moved[i] = output[i] - h;
+                    let slope = (above - value(&moved)) / (2.0 * f64::from(h));
+                    let error = (slope - f64::from(gradient[i])).abs();
+                    assert!(
+                        error < 2e-4 + 2e-2 * slope.abs(),
+                        "crop {crop} frame {t} channel {c}: {slope} {}",
+                        gradient[i]
+                    );
+                    if t >= lengths[crop] {
+                        assert_eq!(gradient[i], 0.0);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Root and position terms against joints that the host's own recovery computes.
+    #[test]
+    fn terms_agree_with_recovered_joints() {
+        let normalization = normalization();
+        let objective = Objective::new(&weights(), &normalization);
+        let window = 12;
+        let (output, target) = (noise(window * FEATURES, 5), noise(window * FEATURES, 6));
+        let mut gradient = vec![0.0; output.len()];
+        let terms = objective.evaluate(&output, &target, &[window], window, &mut gradient);
+        let joints = |x: &[f32]| recover::joints(&normalization.restore(x)).unwrap();
+        let (a, b) = (joints(&output), joints(&target));
+        let root = |t: usize| (a[t][0][0] - b[t][0][0]).hypot(a[t][0][2] - b[t][0][2]);
+        let mean = (0..window).map(root).sum::<f32>() / window as f32;
+        assert!((terms.root - mean).abs() < 2e-3, "{} {mean}", terms.root);
+    }
+
+    #[test]
+    fn equal_motions_cost_nothing() {
+        let objective = Objective::new(&weights(), &normalization());
+        let output = noise(8 * FEATURES, 7);
+        let mut gradient = vec![1.0; output.len()];
+        let terms = objective.evaluate(&output, &output, &[8], 8, &mut gradient);
+        assert!(terms.total.abs() < 1e-6, "{terms:?}");
+        assert!(gradient.iter().all(|g| g.abs() < 1e-6));
+    }
+}

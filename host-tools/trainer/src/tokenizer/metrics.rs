@@ -1,0 +1,255 @@
+//! What a tokenizer keeps of a motion: joint errors, drift of the root, use of the codebook.
+//!
+//! Clips go whole through encoder, nearest codes and decoder (the first 196 frames of longer ones, cut to whole tokens), one at
+//! a time, as a device decodes them. Errors compare recovered joints with the dataset's.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use motionette_host::dataset::{ClipView, Dataset, Split};
+use motionette_host::motion::{Pose, recover};
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+use super::checkpoint::Checkpoint;
+use super::config::{FEATURES, FRAMES_PER_TOKEN, MAX_FRAMES};
+use super::model::Network;
+use super::quantizer::{Usage, nearest};
+
+/// Frames after which drift is compared between clips of different lengths: 5 s.
+const DRIFT_FRAME: usize = 100;
+
+/// Figures of one subset of one split. Joint errors are means over frames, drifts are means over clips.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Split the clips belong to.
+    pub split: Split,
+    /// Subset the clips belong to.
+    pub subset: String,
+    /// Number of clips.
+    pub clips: usize,
+    /// Number of frames.
+    pub frames: usize,
+    /// Mean distance of the 21 joints other than the pelvis after moving the pelvis of every frame into place, mm. Errors of
+    /// heading count.
+    pub mpjpe_root_mm: f64,
+    /// The same in the root's own frame, without errors of heading, mm.
+    pub mpjpe_local_mm: f64,
+    /// Mean distance of all 22 joints in the room, drift included, mm.
+    pub mpjpe_global_mm: f64,
+    /// Distance of the root on the floor at the last frame, mm.
+    pub drift_end_mm: f64,
+    /// The same after 5 s, over clips that are that long, mm; null when none is.
+    pub drift_5s_mm: Option<f64>,
+    /// Error of the heading at the last frame, degrees.
+    pub heading_end_deg: f64,
+    /// Codes that occur.
+    pub codes_used: usize,
+    /// The same as a share of the codebook.
+    pub codes_used_share: f64,
+    /// Exponential of the entropy of code frequencies.
+    pub perplexity: f64,
+}
+
+/// Sums of one subset.
+#[derive(Default)]
+struct Sums {
+    clips: usize,
+    frames: usize,
+    root: f64,
+    local: f64,
+    global: f64,
+    drift_end: f64,
+    drift_5s: f64,
+    clips_5s: usize,
+    heading: f64,
+    counts: Vec<u64>,
+}
+
+/// Reports for every subset of `splits`, in order of first appearance. Clips shorter than one token are left out.
+///
+/// # Errors
+/// [`Error::NoMotion`] when a split has no clip to measure.
+pub fn evaluate(checkpoint: &Checkpoint, dataset: &Dataset, splits: &[Split]) -> Result<Vec<Report>, Error> {
+    let device = Device::flex();
+    let network = Network::new(&checkpoint.config.architecture, &checkpoint.parameters, false, &device);
+    let mut reports = Vec::new();
+    for split in splits {
+        let mut subsets: Vec<(String, Sums)> = Vec::new();
+        for clip in dataset.split(*split).filter(|clip| clip.frames() >= FRAMES_PER_TOKEN) {
+            let place = subsets.iter().position(|(name, _)| *name == clip.info.subset).unwrap_or_else(|| {
+                let counts = vec![0; checkpoint.config.architecture.codes];
+                subsets.push((clip.info.subset.clone(), Sums { counts, ..Sums::default() }));
+                subsets.len() - 1
+            });
+            measure(checkpoint, &network, &clip, &device, &mut subsets[place].1);
+        }
+        if subsets.is_empty() {
+            return Err(Error::NoMotion { split: *split });
+        }
+        reports.extend(subsets.into_iter().map(|(subset, sums)| sums.report(*split, subset)));
+    }
+    Ok(reports)
+}
+
+fn measure(checkpoint: &Checkpoint, network: &Network, clip: &ClipView<'_>, device: &Device, sums: &mut Sums) {
+    let frames = clip.frames().min(MAX_FRAMES) / FRAMES_PER_TOKEN * FRAMES_PER_TOKEN;
+    let dim = checkpoint.config.architecture.code_dim;
+    let features = checkpoint.normalization.apply(&clip.features[..frames * FEATURES]);
+    let x = Tensor::from_data(TensorData::new(features, [1, frames, FEATURES]), device);
+    let latents = values(network.encode(x, None));
+    let ids = nearest(&checkpoint.codebook, dim, &latents);
+    let u: Vec<f32> =
+        ids.iter().flat_map(|id| checkpoint.codebook[usize::from(*id) * dim..][..dim].iter().copied()).collect();
+    let u = Tensor::from_data(TensorData::new(u, [1, ids.len(), dim]), device);
+    let decoded = checkpoint.normalization.restore(&values(network.decode(u, None)));
+    let joints = recover::joints(&decoded).expect("the decoder gives whole rows");
+    for id in ids {
+        sums.counts[usize::from(id)] += 1;
+    }
+    sums.add(&joints, &clip.joints[..frames], &decoded, &clip.features[..frames * FEATURES]);
+}
+
+fn values(tensor: Tensor<3>) -> Vec<f32> {
+    tensor.into_data().try_into_vec().expect("networks compute in f32")
+}
+
+impl Sums {
+    fn add(&mut self, decoded: &[Pose], wanted: &[Pose], decoded_features: &[f32], features: &[f32]) {
+        let frames = wanted.len();
+        self.clips += 1;
+        self.frames += frames;
+        let mut angle = 0.0f64;
+        for t in 0..frames {
+            let (a, b) = (&decoded[t], &wanted[t]);
+            let offset: [f32; 3] = std::array::from_fn(|i| b[0][i] - a[0][i]);
+            let turn = 2.0 * angle;
+            let (sin, cos) = (turn.sin() as f32, turn.cos() as f32);
+            let (mut root, mut local, mut global) = (0.0, 0.0, distance(a[0], b[0]));
+            for (p, q) in a[1..].iter().zip(&b[1..]) {
+                global += distance(*p, *q);
+                root += distance([p[0] + offset[0], p[1] + offset[1], p[2] + offset[2]], *q);
+                let r: [f32; 3] = std::array::from_fn(|i| p[i] - a[0][i]);
+                let turned = [cos * r[0] + sin * r[2] + b[0][0], r[1] + b[0][1], cos * r[2] - sin * r[0] + b[0][2]];
+                local += distance(turned, *q);
+            }
+            self.root += root / 21.0;
+            self.local += local / 21.0;
+            self.global += global / 22.0;
+            if t == DRIFT_FRAME {
+                self.drift_5s += planar(a[0], b[0]);
+                self.clips_5s += 1;
+            }
+            if t + 1 == frames {
+                self.drift_end += planar(a[0], b[0]);
+                self.heading += turn.abs().to_degrees();
+            }
+            // Joints turn by -2 a[t]: what the decoder turned too far is taken back.
+            angle += f64::from(decoded_features[t * FEATURES]) - f64::from(features[t * FEATURES]);
+        }
+    }
+
+    fn report(self, split: Split, subset: String) -> Report {
+        let frames = self.frames as f64;
+        let clips = self.clips as f64;
+        let usage = Usage::of(&self.counts);
+        Report {
+            split,
+            subset,
+            clips: self.clips,
+            frames: self.frames,
+            mpjpe_root_mm: 1e3 * self.root / frames,
+            mpjpe_local_mm: 1e3 * self.local / frames,
+            mpjpe_global_mm: 1e3 * self.global / frames,
+            drift_end_mm: 1e3 * self.drift_end / clips,
+            drift_5s_mm: (self.clips_5s > 0).then(|| 1e3 * self.drift_5s / self.clips_5s as f64),
+            heading_end_deg: self.heading / clips,
+            codes_used: usage.used,
+            codes_used_share: usage.used as f64 / self.counts.len() as f64,
+            perplexity: usage.perplexity,
+        }
+    }
+}
+
+fn distance(a: [f32; 3], b: [f32; 3]) -> f64 {
+    (0..3).map(|i| f64::from(a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+}
+
+fn planar(a: [f32; 3], b: [f32; 3]) -> f64 {
+    f64::from(a[0] - b[0]).hypot(f64::from(a[2] - b[2]))
+}
+
+/// The reports as a table for people.
+pub fn table(reports: &[Report]) -> String {
+    let mut text = String::from(
+        "split subset clips frames | MPJPE mm: root-aligned   local  global | drift mm: end    5 s | heading | codes used | perplexity\n",
+    );
+    for r in reports {
+        let drift_5s = r.drift_5s_mm.map_or_else(|| "-".to_owned(), |d| format!("{d:.0}"));
+        text += &format!(
+            "{:<5} {:<6} {:>5} {:>6} | {:>22.1} {:>7.1} {:>7.1} | {:>13.0} {:>6} | {:>4.1} deg | {:>4} {:>4.0}% | {:>9.0}\n",
+            r.split.to_string(),
+            r.subset,
+            r.clips,
+            r.frames,
+            r.mpjpe_root_mm,
+            r.mpjpe_local_mm,
+            r.mpjpe_global_mm,
+            r.drift_end_mm,
+            drift_5s,
+            r.heading_end_deg,
+            r.codes_used,
+            100.0 * r.codes_used_share,
+            r.perplexity,
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    /// A decoder that makes known mistakes: joints shifted by 10 mm, root walking 2 mm a frame too fast, no turn.
+    #[test]
+    fn known_errors_give_known_figures() {
+        let dataset = testing::dataset(1, 60);
+        let clip = dataset.clip(0);
+        let mut decoded = clip.joints.to_vec();
+        for (t, pose) in decoded.iter_mut().enumerate() {
+            for joint in pose.iter_mut() {
+                joint[0] += 0.002 * t as f32;
+            }
+            for joint in &mut pose[1..] {
+                joint[1] += 0.01;
+            }
+        }
+        let mut sums = Sums { counts: vec![3, 1, 0, 0], ..Sums::default() };
+        sums.add(&decoded, clip.joints, clip.features, clip.features);
+        let report = sums.report(Split::Test, "x".into());
+        let last = (clip.frames() - 1) as f64;
+        assert!((report.mpjpe_root_mm - 10.0).abs() < 1e-2, "{report:?}");
+        assert!((report.mpjpe_local_mm - 10.0).abs() < 1e-2);
+        assert!((report.drift_end_mm - 2.0 * last).abs() < 1e-2);
+        assert!(report.mpjpe_global_mm > last && report.mpjpe_global_mm < last + 10.0);
+        assert_eq!((report.codes_used, report.codes_used_share), (2, 0.5));
+        assert_eq!(report.drift_5s_mm, None);
+    }
+
+    /// Turning the whole motion faster changes the root-aligned error and leaves the local one.
+    #[test]
+    fn local_error_ignores_heading() {
+        let dataset = testing::dataset(1, 60);
+        let clip = dataset.clip(0);
+        let mut turned = clip.features.to_vec();
+        for row in turned.chunks_exact_mut(FEATURES) {
+            row[0] += 0.01;
+        }
+        let mut sums = Sums { counts: vec![1], ..Sums::default() };
+        sums.add(&recover::joints(&turned).unwrap(), clip.joints, &turned, clip.features);
+        let report = sums.report(Split::Val, "x".into());
+        assert!(report.mpjpe_local_mm < 0.05, "{report:?}");
+        assert!(report.mpjpe_root_mm > 10.0);
+        let wanted = (0.02 * (clip.frames() - 1) as f64).to_degrees();
+        assert!((report.heading_end_deg - wanted).abs() < 0.1);
+    }
+}

@@ -1,0 +1,198 @@
+//! Encoder and decoder: MoMask's topology, channels last.
+//!
+//! Encoder: conv k3, ReLU, 2 x { conv k4 stride 2, residual blocks }, conv k3. Decoder: conv k3, ReLU, 2 x { residual blocks, every
+//! sample twice, conv k3 }, conv k3, ReLU, conv k3. A residual block is `x + conv k1(relu(conv k3 dilated(relu(x))))`.
+//!
+//! All parameters live in one flat vector in the order of [`shapes`]; a [`Network`] is that vector laid out on a device for one
+//! step. Clips that are shorter than the window are masked before every convolution with more than one tap, so that they see
+//! the same zeros beyond their end as when they are decoded alone.
+
+use burn::tensor::activation::relu;
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
+
+use super::config::{Architecture, DOWN_T, FEATURES};
+use crate::convolution::{Convolution, Shape, upsample};
+use crate::random::Random;
+
+/// Shapes of all convolutions in checkpoint names and in the order in which they run; the encoder's come first.
+pub fn shapes(architecture: &Architecture) -> Vec<Shape> {
+    let mut shapes = encoder_shapes(architecture);
+    shapes.extend(decoder_shapes(architecture));
+    shapes
+}
+
+fn shape(name: String, inputs: usize, outputs: usize, kernel: usize, dilation: usize) -> Shape {
+    Shape { name, inputs, outputs, kernel, dilation }
+}
+
+fn block_shapes(prefix: &str, width: usize, dilations: &[usize]) -> Vec<Shape> {
+    let block = |(b, dilation): (usize, &usize)| {
+        [
+            shape(format!("{prefix}.model.{b}.conv1"), width, width, 3, *dilation),
+            shape(format!("{prefix}.model.{b}.conv2"), width, width, 1, 1),
+        ]
+    };
+    dilations.iter().enumerate().flat_map(block).collect()
+}
+
+fn encoder_shapes(a: &Architecture) -> Vec<Shape> {
+    let width = a.encoder_width;
+    let mut shapes = vec![shape("encoder.model.0".into(), FEATURES, width, 3, 1)];
+    for stage in 2..2 + DOWN_T {
+        shapes.push(shape(format!("encoder.model.{stage}.0"), width, width, 4, 1));
+        shapes.extend(block_shapes(&format!("encoder.model.{stage}.1"), width, &a.dilations));
+    }
+    shapes.push(shape(format!("encoder.model.{}", 2 + DOWN_T), width, a.code_dim, 3, 1));
+    shapes
+}
+
+fn decoder_shapes(a: &Architecture) -> Vec<Shape> {
+    let width = a.width;
+    let mut shapes = vec![shape("decoder.model.0".into(), a.code_dim, width, 3, 1)];
+    for stage in 2..2 + DOWN_T {
+        shapes.extend(block_shapes(&format!("decoder.model.{stage}.0"), width, &a.dilations));
+        shapes.push(shape(format!("decoder.model.{stage}.2"), width, width, 3, 1));
+    }
+    shapes.push(shape(format!("decoder.model.{}", 2 + DOWN_T), width, width, 3, 1));
+    shapes.push(shape(format!("decoder.model.{}", 4 + DOWN_T), width, FEATURES, 3, 1));
+    shapes
+}
+
+/// Number of values in the flat parameter vector.
+pub fn parameter_count(shapes: &[Shape]) -> usize {
+    shapes.iter().map(Shape::parameters).sum()
+}
+
+/// Random start: uniform weights with the variance He et al. use before a ReLU, zero biases, and second convolutions of residual
+/// blocks scaled down so that a deep stack starts near the identity.
+pub fn initial_parameters(shapes: &[Shape], seed: u64) -> Vec<f32> {
+    let mut random = Random::new(seed, u64::MAX);
+    let mut values = Vec::with_capacity(parameter_count(shapes));
+    for shape in shapes {
+        let gain = if shape.name.ends_with("conv2") { 0.5 } else { 1.0 };
+        let bound = gain * (3.0 / (shape.kernel * shape.inputs) as f64).sqrt();
+        values.extend((0..shape.weights()).map(|_| (bound * random.symmetric()) as f32));
+        values.extend(std::iter::repeat_n(0.0, shape.outputs));
+    }
+    values
+}
+
+/// For every value of the flat vector: whether weight decay applies (weights yes, biases no).
+pub fn decay_mask(shapes: &[Shape]) -> Vec<bool> {
+    shapes
+        .iter()
+        .flat_map(|s| std::iter::repeat_n(true, s.weights()).chain(std::iter::repeat_n(false, s.outputs)))
+        .collect()
+}
+
+/// Masks of a batch with padded crops, one for each sampling rate from frames to tokens, each `[B, T, 1]` of ones and zeros.
+pub struct Masks {
+    rates: Vec<Tensor<3>>,
+}
+
+impl Masks {
+    /// Masks for crops of `lengths` frames (multiples of 4) in a window of `window` frames; none when nothing is padded.
+    pub fn new(lengths: &[usize], window: usize, device: &Device) -> Option<Self> {
+        if lengths.iter().all(|length| *length == window) {
+            return None;
+        }
+        let mask = |rate: usize| {
+            let samples = window >> rate;
+            let row = |length: &usize| {
+                let valid = *length >> rate;
+                (0..samples).map(move |t| if t < valid { 1.0f32 } else { 0.0 })
+            };
+            let values: Vec<f32> = lengths.iter().flat_map(row).collect();
+            Tensor::from_data(TensorData::new(values, [lengths.len(), samples, 1]), device)
+        };
+        Some(Self { rates: (0..=DOWN_T).map(mask).collect() })
+    }
+}
+
+fn masked(x: Tensor<3>, masks: Option<&Masks>, rate: usize) -> Tensor<3> {
+    match masks {
+        Some(masks) => x * masks.rates[rate].clone(),
+        None => x,
+    }
+}
+
+/// Both networks on a device.
+pub struct Network {
+    encoder: Vec<Convolution>,
+    decoder: Vec<Convolution>,
+    blocks: usize,
+}
+
+impl Network {
+    /// Lays the flat parameters out as tensors, as leaves of a graph when `tracked`.
+    pub fn new(architecture: &Architecture, values: &[f32], tracked: bool, device: &Device) -> Self {
+        let mut rest = values;
+        let mut lay = |shapes: Vec<Shape>| -> Vec<Convolution> {
+            let place = |shape: &Shape| {
+                let (own, after) = rest.split_at(shape.parameters());
+                rest = after;
+                Convolution::new(shape, own, tracked, device)
+            };
+            shapes.iter().map(place).collect()
+        };
+        Self {
+            encoder: lay(encoder_shapes(architecture)),
+            decoder: lay(decoder_shapes(architecture)),
+            blocks: architecture.dilations.len(),
+        }
+    }
+
+    /// Normalised features `[B, T, F]`, zero where padded, to latents `[B, T / 4, code_dim]`.
+    pub fn encode(&self, x: Tensor<3>, masks: Option<&Masks>) -> Tensor<3> {
+        let mut layers = self.encoder.iter();
+        let mut next = || layers.next().expect("the encoder has a layer for every step");
+        let mut x = masked(relu(next().forward(x)), masks, 0);
+        for rate in 1..=DOWN_T {
+            x = next().forward(x);
+            for _ in 0..self.blocks {
+                x = residual(x, next(), next(), masks, rate);
+            }
+            x = masked(x, masks, rate);
+        }
+        next().forward(x)
+    }
+
+    /// Code vectors `[B, T / 4, code_dim]`, zero where padded, to normalised features `[B, T, F]`; frames beyond a crop's end hold
+    /// anything.
+    pub fn decode(&self, u: Tensor<3>, masks: Option<&Masks>) -> Tensor<3> {
+        let mut layers = self.decoder.iter();
+        let mut next = || layers.next().expect("the decoder has a layer for every step");
+        let mut x = relu(next().forward(u));
+        for rate in (0..DOWN_T).rev() {
+            for _ in 0..self.blocks {
+                x = residual(x, next(), next(), masks, rate + 1);
+            }
+            x = next().forward(masked(upsample(x), masks, rate));
+        }
+        x = masked(relu(next().forward(masked(x, masks, 0))), masks, 0);
+        next().forward(x)
+    }
+
+    /// Adds the gradients of the parameters to a flat vector in the order of [`shapes`].
+    pub fn collect_gradients(&self, gradients: &Gradients, flat: &mut [f32]) {
+        let mut offset = 0;
+        for layer in self.encoder.iter().chain(&self.decoder) {
+            for tensor in [&layer.weight, &layer.bias] {
+                let [rows, columns] = tensor.dims();
+                if let Some(gradient) = tensor.grad(gradients) {
+                    let gradient = gradient.into_data();
+                    let gradient = gradient.as_slice::<f32>().expect("parameters are f32");
+                    for (sum, g) in flat[offset..].iter_mut().zip(gradient) {
+                        *sum += g;
+                    }
+                }
+                offset += rows * columns;
+            }
+        }
+    }
+}
+
+fn residual(x: Tensor<3>, conv1: &Convolution, conv2: &Convolution, masks: Option<&Masks>, rate: usize) -> Tensor<3> {
+    let inner = conv1.forward(masked(relu(x.clone()), masks, rate));
+    x + conv2.forward(relu(inner))
+}

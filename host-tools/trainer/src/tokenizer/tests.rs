@@ -1,0 +1,156 @@
+//! Whole runs on a small dataset.
+
+use motionette_host::dataset::{Dataset, Split};
+
+use super::checkpoint::Checkpoint;
+use super::config::Config;
+use super::schedule::Plan;
+use super::state::State;
+use super::training::Trainer;
+use super::{Error, metrics};
+use crate::{tensor_file, testing};
+
+fn tiny() -> Config {
+    Config { learning_rate: 5e-3, average_decay: 0.9, ..Config::preset("tiny").unwrap() }
+}
+
+fn trainer(dataset: &Dataset, steps: u64) -> Trainer {
+    let mut state = State::new(&tiny(), &dataset.hash);
+    state.plan = Some(Plan::of_steps(steps, state.config.decay));
+    Trainer::new(state, dataset).unwrap()
+}
+
+#[test]
+fn training_lowers_the_objective_and_the_error_of_whole_clips() {
+    let dataset = testing::dataset(12, 48);
+    let mut trainer = trainer(&dataset, 150);
+    let mut totals = Vec::new();
+    let mut first = None;
+    for _ in 0..150 {
+        totals.push(trainer.step().unwrap().terms.total);
+        if trainer.state.step == 5 {
+            first = trainer.checkpoint();
+        }
+    }
+    let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
+    let (early, late) = (mean(&totals[..10]), mean(&totals[140..]));
+    assert!(late < 0.6 * early, "objective {early} -> {late}");
+    let error = |checkpoint: &Checkpoint| {
+        let reports = metrics::evaluate(checkpoint, &dataset, &[Split::Test]).unwrap();
+        assert_eq!(reports.len(), 1);
+        reports[0].mpjpe_root_mm
+    };
+    let (early, late) = (error(&first.unwrap()), error(&trainer.checkpoint().unwrap()));
+    assert!(late < 0.7 * early, "error {early} -> {late}");
+}
+
+#[test]
+fn a_resumed_run_equals_an_uninterrupted_one() {
+    let dataset = testing::dataset(8, 40);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.state.safetensors");
+    let mut whole = trainer(&dataset, 12);
+    for _ in 0..12 {
+        whole.step().unwrap();
+    }
+    // Interrupted before quantisation begins (3), after it, and within the fall.
+    for stop in [2, 6, 11] {
+        let mut before = trainer(&dataset, 12);
+        for _ in 0..stop {
+            before.step().unwrap();
+        }
+        before.state.save(&path).unwrap();
+        let stored = State::load(&path).unwrap();
+        assert_eq!(stored, before.state);
+        drop(before);
+        let mut after = Trainer::new(stored, &dataset).unwrap();
+        for _ in stop..12 {
+            after.step().unwrap();
+        }
+        assert_eq!(after.state, whole.state, "stopped at {stop}");
+    }
+}
+
+#[test]
+fn a_checkpoint_round_trips_and_has_the_published_names() {
+    let dataset = testing::dataset(8, 40);
+    let mut trainer = trainer(&dataset, 6);
+    assert!(trainer.checkpoint().is_none(), "no codes yet");
+    for _ in 0..6 {
+        trainer.step().unwrap();
+    }
+    let checkpoint = trainer.checkpoint().unwrap();
+    let reports = metrics::evaluate(&checkpoint, &dataset, &[Split::Val]).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("tiny.safetensors");
+    checkpoint.save(&path, &reports).unwrap();
+    assert_eq!(Checkpoint::load(&path).unwrap(), checkpoint);
+    let file = tensor_file::TensorFile::load(&path).unwrap();
+    // Sizes of the preset: width 8, encoder 12, codes 8 x 4, two blocks a stage.
+    for (name, shape) in [
+        ("encoder.model.0.weight", vec![12, 263, 3]),
+        ("encoder.model.2.0.weight", vec![12, 12, 4]),
+        ("encoder.model.3.1.model.1.conv2.weight", vec![12, 12, 1]),
+        ("encoder.model.4.bias", vec![4]),
+        ("decoder.model.0.weight", vec![8, 4, 3]),
+        ("decoder.model.2.0.model.0.conv1.weight", vec![8, 8, 3]),
+        ("decoder.model.3.2.weight", vec![8, 8, 3]),
+        ("decoder.model.4.weight", vec![8, 8, 3]),
+        ("decoder.model.6.weight", vec![263, 8, 3]),
+        ("quantizer.layers.0.codebook", vec![8, 4]),
+        ("mean", vec![263]),
+        ("std", vec![263]),
+    ] {
+        assert_eq!(file.tensors[name].0, shape, "{name}");
+    }
+    let config: serde_json::Value = file.parsed("config").unwrap();
+    assert_eq!(config["steps"], 6);
+    assert_eq!(config["data_hash"], dataset.hash);
+    assert_eq!(config["dilations"], serde_json::json!([3, 1]));
+}
+
+#[test]
+fn a_checkpoint_that_lacks_something_is_refused_by_name() {
+    let dataset = testing::dataset(8, 40);
+    let mut trainer = trainer(&dataset, 4);
+    for _ in 0..4 {
+        trainer.step().unwrap();
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("tiny.safetensors");
+    trainer.checkpoint().unwrap().save(&path, &[]).unwrap();
+    let whole = tensor_file::TensorFile::load(&path).unwrap();
+    for name in whole.tensors.keys() {
+        let mut part = whole.clone();
+        part.tensors.remove(name);
+        part.save(&path).unwrap();
+        let error = Checkpoint::load(&path).unwrap_err();
+        assert!(error.to_string().contains(name), "{error}");
+    }
+    let mut other = whole.clone();
+    other.metadata.insert("version".into(), "2".into());
+    other.save(&path).unwrap();
+    let error = Checkpoint::load(&path).unwrap_err().to_string();
+    assert!(error.contains("\"2\"") && error.contains("\"1\""), "{error}");
+}
+
+#[test]
+fn an_exploding_run_stops_with_a_typed_error() {
+    let dataset = testing::dataset(6, 40);
+    let mut trainer = trainer(&dataset, 10);
+    trainer.state.optimizer.values.fill(1e30);
+    assert!(matches!(trainer.step(), Err(Error::Diverged { step: 0 })));
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    for (change, field) in [
+        (Config { window: 30, ..tiny() }, "window"),
+        (Config { batch: 0, ..tiny() }, "batch"),
+        (Config { learning_rate: f32::NAN, ..tiny() }, "learning_rate"),
+        (Config { decay: 2.0, ..tiny() }, "decay"),
+    ] {
+        assert!(matches!(change.check(), Err(Error::Setting { field: f, .. }) if f == field), "{field}");
+    }
+    assert!(matches!(Config::preset("huge"), Err(Error::UnknownPreset { .. })));
+}
