@@ -9,6 +9,12 @@
 //! | [`parallel`] | work on all cores |
 //! | [`checkpoint`] | tokenizer checkpoints: MoMask, T2M-GPT and our own, from safetensors or torch containers |
 //! | [`reference`] | the plain-loop reference in f32 and f64: encoder, decoder, recovery, gradients, solver |
+//! | [`convert`] | quantisation and the blob |
+//! | [`agreement`] | how far two motions are apart |
+//! | [`blob_file`] | a blob on the host: checked, its table walked, its layers as integers |
+//! | [`inspect`] | what is in a blob |
+//! | [`plan`] | arena, flash and work of a request before anything is flashed |
+//! | [`mod@verify`] | the quantised runtime against the reference |
 //! | [`cli`] | the `motionette` command line |
 //!
 //! Nothing here runs on a device and nothing here links the training framework. The reference road shares manifest types with
@@ -16,11 +22,17 @@
 
 #![deny(unsafe_code)]
 
+pub mod agreement;
+pub mod blob_file;
 pub mod checkpoint;
 pub mod cli;
+pub mod convert;
 pub mod dataset;
 pub mod import;
+pub mod inspect;
 pub mod motion;
 pub mod output;
 pub mod parallel;
+pub mod plan;
 pub mod reference;
+pub mod verify;

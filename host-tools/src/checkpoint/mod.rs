@@ -64,6 +64,16 @@ pub fn load_with(path: &Path, companions: &Companions) -> core::result::Result<T
     read().map_err(|kind| Error { path: path.to_owned(), kind })
 }
 
+/// SHA-256 of a file, hex: how a blob names the checkpoint it came from.
+///
+/// # Errors
+/// [`Error`] when the file cannot be read.
+pub fn file_hash(path: &Path) -> core::result::Result<String, Error> {
+    use sha2::{Digest, Sha256};
+    let bytes = std::fs::read(path).map_err(|e| Error { path: path.to_owned(), kind: e.into() })?;
+    Ok(Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect())
+}
+
 /// Named tensors (and safetensors metadata) of either container, told apart by the first bytes.
 ///
 /// # Errors

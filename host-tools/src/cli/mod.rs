@@ -4,10 +4,15 @@
 //! output. Progress goes to standard error, on a terminal only. A failure prints its chain of causes and what to do, and the exit
 //! status is 1 (2 for arguments that make no sense).
 
+mod convert;
 mod hint;
 mod import;
+mod inspect;
+mod model;
+mod plan;
 mod progress;
 mod recover;
+mod verify;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -34,6 +39,10 @@ enum Command {
     Import(import::Cmd),
     Recover(recover::Cmd),
     // Models: convert, inspect, plan, verify.
+    Convert(convert::Cmd),
+    Inspect(inspect::Cmd),
+    Plan(plan::Cmd),
+    Verify(verify::Cmd),
     // Motion: export.
 }
 
@@ -42,6 +51,10 @@ impl Command {
         match self {
             Self::Import(cmd) => cmd.run(),
             Self::Recover(cmd) => cmd.run(),
+            Self::Convert(cmd) => cmd.run(),
+            Self::Inspect(cmd) => cmd.run(),
+            Self::Plan(cmd) => cmd.run(),
+            Self::Verify(cmd) => cmd.run(),
         }
     }
 }
@@ -58,7 +71,10 @@ pub fn main() -> ExitCode {
         }
         Err(error) => {
             complain(&error);
-            if cli.json {
+            if cli.json && let Some(missed) = error.downcast_ref::<verify::BudgetMissed>() {
+                // The figures are the result, whether they please or not.
+                say(&missed.report.to_string());
+            } else if cli.json {
                 let causes: Vec<String> = error.chain().skip(1).map(ToString::to_string).collect();
                 say(&json!({"error": error.to_string(), "causes": causes, "hint": hint::of(&error)}).to_string());
             }

@@ -1,0 +1,216 @@
+//! A blob file on the host: read, aligned, opened, its tensor table walked, its layers as integers again.
+
+use std::path::{Path, PathBuf};
+
+use motionette::Model;
+use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensors};
+
+use crate::checkpoint;
+use crate::convert::{AlignedBlob, QuantisedConv1d};
+
+/// A blob file could not be used.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The file cannot be read.
+    #[error("cannot read the blob {}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The runtime refuses it.
+    #[error("blob {}: {source}", path.display())]
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: blob::Error,
+    },
+}
+
+/// A blob that the runtime accepts.
+#[derive(Debug, Clone)]
+pub struct BlobFile {
+    aligned: AlignedBlob,
+    path: PathBuf,
+}
+
+/// One entry of the tensor table with the numbers behind it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TableEntry {
+    /// Name.
+    pub name: String,
+    /// Number format.
+    pub dtype: DType,
+    /// Shape, slowest dimension first.
+    pub shape: [usize; 3],
+    /// Offset in the weight section.
+    pub offset: usize,
+    /// Bytes.
+    pub bytes: usize,
+    /// The numbers: integers as they are (int16 put together), floats as they are.
+    pub values: Vec<f64>,
+}
+
+impl BlobFile {
+    /// Reads a file and has the runtime check it.
+    ///
+    /// # Errors
+    /// [`Error`], with the path.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        Self::new(AlignedBlob::new(&bytes), path)
+    }
+
+    /// Has the runtime check a blob in memory; `path` is what errors call it.
+    ///
+    /// # Errors
+    /// [`Error::Refused`].
+    pub fn new(aligned: AlignedBlob, path: &Path) -> Result<Self, Error> {
+        let refused = |source| Error::Refused { path: path.to_owned(), source };
+        Model::open(aligned.bytes()).map_err(refused)?;
+        let file = Self { aligned, path: path.to_owned() };
+        file.parts()?;
+        Ok(file)
+    }
+
+    /// The bytes, aligned.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        self.aligned.bytes()
+    }
+
+    /// The model.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn model(&self) -> Result<Model<'_>, Error> {
+        Model::open(self.bytes()).map_err(|source| self.refused(source))
+    }
+
+    fn refused(&self, source: blob::Error) -> Error {
+        Error::Refused { path: self.path.clone(), source }
+    }
+
+    /// Header, manifest, and a reader over the table.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn parts(&self) -> Result<(Header, Manifest<'_>, Tensors<'_>), Error> {
+        let read = || -> Result<_, blob::Error> {
+            let bytes = self.bytes();
+            let header = Header::parse(bytes)?;
+            let manifest_end = HEADER_LEN + header.manifest_len as usize;
+            let text = bytes.get(HEADER_LEN..manifest_end).ok_or(blob::Error::Header)?;
+            let weights =
+                bytes.get(header.weights_offset as usize..header.total_len as usize).ok_or(blob::Error::Header)?;
+            let (manifest, table) =
+                postcard::take_from_bytes::<Manifest<'_>>(text).map_err(|_| blob::Error::Manifest)?;
+            let tensors = Tensors::new(table, weights, manifest.tensor_count);
+            Ok((header, manifest, tensors))
+        };
+        read().map_err(|source| self.refused(source))
+    }
+
+    /// The whole table with its numbers.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn table(&self) -> Result<Vec<TableEntry>, Error> {
+        let (_, manifest, mut tensors) = self.parts()?;
+        (0..manifest.tensor_count)
+            .map(|_| tensors.take().and_then(|t| entry(&t)))
+            .collect::<Result<_, _>>()
+            .map_err(|source| self.refused(source))
+    }
+
+    /// The decoder's convolutions in order of execution, as integers.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn layers(&self) -> Result<Vec<QuantisedConv1d>, Error> {
+        let table = self.table()?;
+        let mut layers: Vec<QuantisedConv1d> = Vec::new();
+        let mut wide: Option<&TableEntry> = None;
+        let mut narrow: Option<&TableEntry> = None;
+        let mut scales: Vec<f32> = Vec::new();
+        for entry in &table {
+            let floats = || entry.values.iter().map(|&v| v as f32).collect::<Vec<f32>>();
+            if entry.dtype == DType::I16Planes {
+                wide = Some(entry);
+            } else if entry.dtype == DType::I8 {
+                narrow = Some(entry);
+            } else if entry.name.ends_with(".scale") {
+                scales = floats();
+            } else if let Some(name) = entry.name.strip_suffix(".bias") {
+                layers.push(layer(name, wide.take(), narrow.take(), core::mem::take(&mut scales), floats()));
+            }
+        }
+        Ok(layers)
+    }
+
+    /// `decoder` with the blob's weights in place of its own: what the integers stand for, to run in the reference.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn dequantised(&self, decoder: &checkpoint::Decoder) -> Result<checkpoint::Decoder, Error> {
+        Ok(crate::convert::decoder::dequantised(decoder, &self.layers()?))
+    }
+}
+
+fn layer(
+    name: &str,
+    wide: Option<&TableEntry>,
+    narrow: Option<&TableEntry>,
+    scales: Vec<f32>,
+    bias: Vec<f32>,
+) -> QuantisedConv1d {
+    let [kernel, _, inputs] = wide.or(narrow).map_or([0; 3], |e| e.shape);
+    let mut values = vec![0; scales.len() * inputs * kernel];
+    let wide_rows = wide.map_or(0, |e| e.shape[1]);
+    for (entry, first) in [(wide, 0), (narrow, wide_rows)] {
+        let Some(entry) = entry else { continue };
+        let rows = entry.shape[1];
+        for (at, &v) in entry.values.iter().enumerate() {
+            let (k, o, i) = (at / (rows * inputs), at / inputs % rows, at % inputs);
+            if let Some(slot) = values.get_mut(((first + o) * inputs + i) * kernel + k) {
+                *slot = v as i32;
+            }
+        }
+    }
+    QuantisedConv1d {
+        name: name.to_owned(),
+        outputs: scales.len(),
+        inputs,
+        kernel,
+        wide: wide_rows,
+        values,
+        scales,
+        bias,
+    }
+}
+
+fn entry(tensor: &Tensor<'_>) -> Result<TableEntry, blob::Error> {
+    let e = tensor.entry;
+    let values: Vec<f64> = match e.dtype {
+        DType::F32 => tensor.singles(e.shape[2])?.iter().map(|&v| f64::from(v)).collect(),
+        DType::F16 => {
+            let bits = tensor.halves(e.shape[1], e.shape[2])?;
+            bits.iter().map(|&b| half::f16::from_bits(b).to_f64()).collect()
+        }
+        DType::I8 => tensor.bytes(e.shape)?.iter().map(|&v| f64::from(v)).collect(),
+        DType::I16Planes => {
+            let (high, low) = tensor.planes(e.shape)?;
+            high.iter().zip(low).map(|(&h, &l)| 256.0 * f64::from(h) + f64::from(l)).collect()
+        }
+    };
+    Ok(TableEntry {
+        name: e.name.to_owned(),
+        dtype: e.dtype,
+        shape: e.shape.map(usize::from),
+        offset: e.offset as usize,
+        bytes: e.elements() as usize * e.dtype.bytes(),
+        values,
+    })
+}

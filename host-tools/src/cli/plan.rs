@@ -1,0 +1,88 @@
+//! `motionette plan`: arena, flash and work before anything is flashed.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use motionette::refining::Config;
+use serde_json::Value;
+
+use super::model::grouped;
+use super::say;
+use crate::blob_file::BlobFile;
+use crate::output::write_atomic;
+use crate::plan::{self, Share};
+
+/// Says exactly how much memory and work the largest request takes.
+///
+/// Example: motionette plan nano.blob --anchors 8 --model-rs src/model.rs
+#[derive(Debug, Args)]
+pub(super) struct Cmd {
+    /// The blob.
+    blob: PathBuf,
+    /// Tokens of the largest request (4 frames each).
+    #[arg(long, default_value_t = 49)]
+    tokens: usize,
+    /// Anchors of the largest request; 0 plans for no refinement.
+    #[arg(long, default_value_t = 4)]
+    anchors: usize,
+    /// Decoder evaluations of the solver; else its default.
+    #[arg(long)]
+    evaluations: Option<u16>,
+    /// Plan for RouteSolver as published instead of the fast default.
+    #[arg(long)]
+    published: bool,
+    /// Write Rust constants and the embedded blob for a firmware.
+    #[arg(long, value_name = "FILE")]
+    model_rs: Option<PathBuf>,
+}
+
+impl Cmd {
+    pub(super) fn run(self) -> Result<Value> {
+        let blob = BlobFile::open(&self.blob)?;
+        let mut refinement = if self.published { Config::published(200) } else { Config::default() };
+        if let Some(evaluations) = self.evaluations {
+            refinement.evaluations = evaluations;
+        }
+        let report = plan::plan(&blob, self.tokens, self.anchors, refinement)?;
+        say(&format!(
+            "{}: {} tokens, {} frames, {} anchors, {} solver evaluations",
+            report.model, report.tokens, report.frames, report.anchors, report.solver_evaluations
+        ));
+        table("arena", "bytes", &report.arena, report.arena_bytes as u64);
+        table("flash", "bytes", &report.flash, report.flash_bytes as u64);
+        let pass = report.decoder_macs.iter().map(|s| s.amount).sum();
+        table("one decoder pass, all channels", "MAC", &report.decoder_macs, pass);
+        say(&format!(
+            "\nworst case: {} evaluations, {} gradients, {} MAC",
+            report.evaluations,
+            report.gradients,
+            grouped(report.macs)
+        ));
+        if let Some(path) = &self.model_rs {
+            let text = plan::model_rs(&report, &beside(&self.blob, path));
+            write_atomic(path, |w| w.write_all(text.as_bytes())).context("writing the constants")?;
+            say(&format!("constants to {}", path.display()));
+        }
+        Ok(serde_json::to_value(&report)?)
+    }
+}
+
+fn table(title: &str, unit: &str, shares: &[Share], total: u64) {
+    say(&format!("\n{title}"));
+    for s in shares {
+        say(&format!("  {:<28}  {:>13}", s.name, grouped(s.amount)));
+    }
+    say(&format!("  {:<28}  {:>13} {unit}", "all", grouped(total)));
+}
+
+/// The blob's path as `include_bytes!` in `file` must say it: bare when both lie in one folder, else absolute.
+fn beside(blob: &Path, file: &Path) -> String {
+    let folder =
+        |p: &Path| std::fs::canonicalize(p.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")));
+    match (folder(blob), folder(file)) {
+        (Ok(a), Ok(b)) if a == b => blob.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        (Ok(a), _) => a.join(blob.file_name().unwrap_or_default()).to_string_lossy().into_owned(),
+        _ => blob.to_string_lossy().into_owned(),
+    }
+}

@@ -1,0 +1,127 @@
+//! `motionette verify`: the quantised runtime against the f32 reference.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+use serde_json::Value;
+
+use super::model::CheckpointFiles;
+use super::{bar, say};
+use crate::agreement::ClipAgreement;
+use crate::blob_file::BlobFile;
+use crate::dataset::{Dataset, Split};
+use crate::verify::{self, Verification};
+
+/// Clips named as the worst.
+const WORST: usize = 5;
+
+/// Decodes the same embeddings with runtime and reference and says how far apart they are, by layer and by clip.
+///
+/// Exits with status 1 when a budget is missed.
+///
+/// Example: motionette verify nano.blob --checkpoint nano.safetensors --dataset data/pack.mds
+#[derive(Debug, Args)]
+pub(super) struct Cmd {
+    /// The blob.
+    blob: PathBuf,
+    /// The checkpoint it came from.
+    #[arg(long, value_name = "FILE")]
+    checkpoint: PathBuf,
+    #[command(flatten)]
+    files: CheckpointFiles,
+    /// Dataset whose clips are encoded and decoded.
+    #[arg(long, value_name = "FILE")]
+    dataset: PathBuf,
+    /// Split of the dataset: train, val or test.
+    #[arg(long, default_value = "test")]
+    split: Split,
+    /// Clips at most, spread evenly over the split.
+    #[arg(long, default_value_t = 200)]
+    clips: usize,
+    /// Of these, clips on which the solvers are compared.
+    #[arg(long, default_value_t = 8, value_name = "CLIPS")]
+    solver: usize,
+}
+
+/// Budgets were missed. Carries the figures, so that `--json` can show them.
+#[derive(Debug, thiserror::Error)]
+#[error("{}", missed.join("; "))]
+pub(super) struct BudgetMissed {
+    missed: Vec<String>,
+    /// The figures.
+    pub(super) report: Value,
+}
+
+impl Cmd {
+    pub(super) fn run(self) -> Result<Value> {
+        let blob = BlobFile::open(&self.blob)?;
+        let checkpoint = self.files.load(&self.checkpoint)?;
+        verify::check_same_model(&blob, &checkpoint)?;
+        let max_tokens = blob.model()?.max_tokens();
+        let dataset = Dataset::load(&self.dataset)?;
+        let sequences = verify::sequences(&checkpoint, &dataset, self.split, self.clips, max_tokens)?;
+        let progress = bar(sequences.len() as u64, "clips");
+        let result = verify::verify(&blob, &checkpoint, &sequences, self.solver, || progress.inc(1))?;
+        progress.finish_and_clear();
+        show(&result);
+        let mut report = serde_json::to_value(&result)?;
+        if let Some(object) = report.as_object_mut() {
+            object.insert("passed".to_owned(), result.passed().into());
+        }
+        if result.passed() {
+            return Ok(report);
+        }
+        let missed = result.budgets.iter().filter(|b| !b.met);
+        let missed = missed.map(|b| format!("{}: {:.2} mm, allowed {} mm", b.name, b.value_mm, b.limit_mm)).collect();
+        Err(BudgetMissed { missed, report }.into())
+    }
+}
+
+fn show(v: &Verification) {
+    let a = &v.agreement;
+    say(&format!("{} clips, {} of them 5 s long", a.clips.len(), a.drift_clips));
+    for b in &v.budgets {
+        let verdict = if b.met { "ok" } else { "MISSED" };
+        say(&format!("  {:<46}  {:>7.3} mm  of {:>4} mm  {verdict}", b.name, b.value_mm, b.limit_mm));
+    }
+    say(&format!("  largest joint error {:.2} mm, largest drift {:.2} mm", a.max_mm, a.drift_max_mm));
+    say("\nerror along the decoder (quantised weights, share of the signal)");
+    for s in &v.layers.stages {
+        say(&format!("  {:<38}  {:.4} %", s.name, 100.0 * s.relative_error));
+    }
+    say("\neach layer quantised alone                mean mm   drift mm");
+    for l in &v.layers.alone {
+        say(&format!("  {:<38}  {:>7.3}  {:>9.3}", l.name, l.mean_mm, l.drift_mm));
+    }
+    say(&format!(
+        "  {:<38}  {:>7.3}  {:>9.3}",
+        "the runtime's arithmetic", v.layers.arithmetic_mean_mm, v.layers.arithmetic_drift_mm
+    ));
+    clips("worst clips", &a.worst(WORST));
+    clips("worst drift", &a.worst_drift(WORST));
+    if let Some(s) = &v.solvers {
+        say(&format!(
+            "\nsolvers on {} clips, {} evaluations: control error {:.2} cm before; runtime {:.3} cm ({:.3} cm decoded by the reference); \
+             reference's own {:.3} cm; results {:.1} mm apart",
+            s.clips,
+            s.evaluations,
+            s.before_cm,
+            s.runtime_cm,
+            s.runtime_in_reference_cm,
+            s.reference_cm,
+            s.difference_mm
+        ));
+    }
+}
+
+fn clips(title: &str, clips: &[&ClipAgreement]) {
+    say(&format!("\n{title:<40}  frames   mean mm    p99 mm    max mm  drift at 5 s, at the end, mm"));
+    for c in clips {
+        let drift = c.drift_mm.map_or_else(|| "-".to_owned(), |d| format!("{d:.2}"));
+        say(&format!(
+            "  {:<38}  {:>6}  {:>8.3}  {:>8.3}  {:>8.3}  {drift:>8}  {:>8.2}",
+            c.id, c.frames, c.mean_mm, c.p99_mm, c.max_mm, c.end_drift_mm
+        ));
+    }
+}

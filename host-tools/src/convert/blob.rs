@@ -1,0 +1,222 @@
+//! Writes the blob: header, manifest, tensors (`runtime/src/blob/FORMAT.md`).
+
+use motionette::blob::{
+    ALIGNMENT, Card, DType, DecoderConfig, HEADER_LEN, Header, MAJOR, MAX_BLOCKS, MAX_STAGES, MINOR, Manifest,
+    Representation, SelfTest, TensorEntry,
+};
+use motionette::hash::Stream;
+use motionette::{Generator, Limits, Model, Plan, Request};
+
+use super::conv1d::{QuantisedConv1d, split};
+use super::{CardText, Error, MAX_TOKENS};
+use crate::checkpoint::TokenizerCheckpoint;
+
+/// Seed of the self-test's tokens.
+const SELF_TEST_SEED: u32 = 1;
+/// Numbers (tokens times quantizers) of a self-test request at most.
+const SELF_TEST_NUMBERS: usize = 24;
+
+/// A blob in memory, on the boundary that the runtime asks for.
+#[derive(Debug, Clone)]
+pub struct AlignedBlob {
+    words: Vec<u128>,
+    len: usize,
+}
+
+impl AlignedBlob {
+    /// Copies `bytes` to an aligned place.
+    #[must_use]
+    pub fn new(bytes: &[u8]) -> Self {
+        let words = bytes
+            .chunks(ALIGNMENT)
+            .map(|chunk| {
+                let mut word = [0; ALIGNMENT];
+                word[..chunk.len()].copy_from_slice(chunk);
+                u128::from_le_bytes(word)
+            })
+            .collect();
+        Self { words, len: bytes.len() }
+    }
+
+    /// The blob.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &bytemuck::cast_slice(&self.words)[..self.len]
+    }
+}
+
+/// A tensor waiting for its place.
+struct Tensor {
+    name: String,
+    dtype: DType,
+    shape: [u16; 3],
+    bytes: Vec<u8>,
+}
+
+/// Serialises `checkpoint` with its quantised decoder `layers` and a self-test, and has the runtime open and run it.
+///
+/// # Errors
+/// [`Error`], when a size does not fit, or the runtime refuses the result.
+pub fn write(
+    checkpoint: &TokenizerCheckpoint,
+    layers: &[QuantisedConv1d],
+    card: &CardText,
+) -> Result<AlignedBlob, Error> {
+    let tensors = tensors(checkpoint, layers)?;
+    let config = decoder_config(checkpoint)?;
+    let quantizers = checkpoint.config.quantizers;
+    let mut self_test =
+        SelfTest { seed: SELF_TEST_SEED, tokens: (SELF_TEST_NUMBERS / quantizers).max(1) as u16, hash: 0 };
+    let first = assemble(checkpoint, &tensors, &config, card, self_test)?;
+    self_test.hash = run_self_test(first.bytes(), &self_test)?;
+    assemble(checkpoint, &tensors, &config, card, self_test)
+}
+
+/// Decodes the self-test's tokens and hashes the motion.
+fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
+    let model = Model::open(blob).map_err(Error::Refused)?;
+    let mut stream = Stream::new(u64::from(test.seed));
+    let count = usize::from(test.tokens) * model.codebooks().quantizers();
+    let codes = model.codebooks().codes() as u32;
+    let tokens: Vec<u16> = (0..count).map(|_| stream.below(codes) as u16).collect();
+    let limits = Limits { tokens: usize::from(test.tokens), anchors: 0, refinement: Default::default() };
+    let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(ALIGNMENT)];
+    let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(Error::SelfTest)?;
+    Ok(generator.generate(&Request::tokens(&tokens), &mut ()).map_err(Error::SelfTest)?.hash())
+}
+
+fn assemble(
+    checkpoint: &TokenizerCheckpoint,
+    tensors: &[Tensor],
+    decoder: &DecoderConfig,
+    card: &CardText,
+    self_test: SelfTest,
+) -> Result<AlignedBlob, Error> {
+    let mut weights: Vec<u8> = Vec::new();
+    let mut table = Vec::new();
+    for tensor in tensors {
+        weights.resize(weights.len().next_multiple_of(ALIGNMENT), 0);
+        let offset = narrow(weights.len(), "weight section")?;
+        let entry = TensorEntry { name: &tensor.name, dtype: tensor.dtype, shape: tensor.shape, offset };
+        table.extend(postcard::to_stdvec(&entry)?);
+        weights.extend_from_slice(&tensor.bytes);
+    }
+    let manifest = Manifest {
+        card: Card { name: &card.name, licence: &card.licence, data: &card.data, checkpoint: &card.checkpoint },
+        representation: Representation::HumanMl3d,
+        frame_rate: checkpoint.config.fps.round() as u16,
+        max_tokens: MAX_TOKENS as u16,
+        decoder: decoder.clone(),
+        self_test,
+        tensor_count: narrow::<u16>(tensors.len(), "number of tensors")?,
+    };
+    let mut text = postcard::to_stdvec(&manifest)?;
+    text.extend(table);
+    let offset = (HEADER_LEN + text.len()).next_multiple_of(ALIGNMENT);
+    let mut header = Header {
+        major: MAJOR,
+        minor: MINOR,
+        total_len: narrow(offset + weights.len(), "blob")?,
+        manifest_len: narrow(text.len(), "manifest")?,
+        weights_offset: narrow(offset, "manifest")?,
+        weights_len: narrow(weights.len(), "weight section")?,
+        crc: 0,
+    };
+    let mut blob = header.emit().to_vec();
+    blob.extend(text);
+    blob.resize(offset, 0);
+    blob.extend(weights);
+    header.crc = Header::checksum(&blob);
+    blob[..HEADER_LEN].copy_from_slice(&header.emit());
+    Ok(AlignedBlob::new(&blob))
+}
+
+fn decoder_config(checkpoint: &TokenizerCheckpoint) -> Result<DecoderConfig, Error> {
+    let c = &checkpoint.config;
+    let mut dilations = heapless::Vec::new();
+    for &d in &c.dilations {
+        let dilation = narrow(d, "dilation")?;
+        let limit = || Error::Limit {
+            what: "residual blocks a stage",
+            found: c.depth,
+            allowed: format!("at most {MAX_BLOCKS}"),
+        };
+        dilations.push(dilation).map_err(|_| limit())?;
+    }
+    if c.down_t > MAX_STAGES {
+        return Err(Error::Limit { what: "stages", found: c.down_t, allowed: format!("at most {MAX_STAGES}") });
+    }
+    Ok(DecoderConfig {
+        width: narrow(c.width, "decoder width")?,
+        code_width: narrow(c.code_dim, "code width")?,
+        codes: narrow(c.codes, "number of codes")?,
+        quantizers: narrow(c.quantizers, "number of quantizers")?,
+        stages: narrow(c.down_t, "stages")?,
+        dilations,
+        features: narrow(c.features, "number of features")?,
+    })
+}
+
+fn tensors(checkpoint: &TokenizerCheckpoint, layers: &[QuantisedConv1d]) -> Result<Vec<Tensor>, Error> {
+    let statistics = checkpoint.statistics.as_ref().ok_or(crate::reference::road::RoadError::NoStatistics)?;
+    let std: Vec<f32> = statistics.std.iter().map(|&s| s as f32).collect();
+    if let Some(channel) = std.iter().position(|s| !(s.is_normal() && *s > 0.0)) {
+        return Err(Error::Std { channel, value: statistics.std[channel] });
+    }
+    let mean: Vec<f32> = statistics.mean.iter().map(|&m| m as f32).collect();
+    let mut tensors = vec![singles("mean".into(), &mean)?, singles("std".into(), &std)?];
+    let width = checkpoint.config.code_dim;
+    for (quantizer, book) in checkpoint.codebooks.iter().enumerate() {
+        let mut bytes = Vec::with_capacity(2 * book.len());
+        for (i, &value) in book.iter().enumerate() {
+            let half = half::f16::from_f32(value);
+            if !half.is_finite() {
+                return Err(Error::Code { quantizer, code: i / width, value });
+            }
+            bytes.extend(half.to_le_bytes());
+        }
+        let shape = [1, narrow(checkpoint.config.codes, "number of codes")?, narrow(width, "code width")?];
+        tensors.push(Tensor {
+            name: format!("quantizer.layers.{quantizer}.codebook"),
+            dtype: DType::F16,
+            shape,
+            bytes,
+        });
+    }
+    for layer in layers {
+        push_layer(&mut tensors, layer)?;
+    }
+    Ok(tensors)
+}
+
+/// int16 rows, int8 rows, scales, biases.
+fn push_layer(tensors: &mut Vec<Tensor>, layer: &QuantisedConv1d) -> Result<(), Error> {
+    let shape = |rows: usize| -> Result<[u16; 3], Error> {
+        Ok([narrow(layer.kernel, "kernel")?, narrow(rows, "outputs")?, narrow(layer.inputs, "inputs")?])
+    };
+    if layer.wide > 0 {
+        let pairs: Vec<(i8, i8)> = layer.planes(0, layer.wide).into_iter().map(split).collect();
+        let bytes = pairs.iter().map(|p| p.0 as u8).chain(pairs.iter().map(|p| p.1 as u8)).collect();
+        let name = format!("{}.wide", layer.name);
+        tensors.push(Tensor { name, dtype: DType::I16Planes, shape: shape(layer.wide)?, bytes });
+    }
+    if layer.wide < layer.outputs {
+        let bytes = layer.planes(layer.wide, layer.outputs).into_iter().map(|v| v as i8 as u8).collect();
+        let name = format!("{}.weight", layer.name);
+        tensors.push(Tensor { name, dtype: DType::I8, shape: shape(layer.outputs - layer.wide)?, bytes });
+    }
+    tensors.push(singles(format!("{}.scale", layer.name), &layer.scales)?);
+    tensors.push(singles(format!("{}.bias", layer.name), &layer.bias)?);
+    Ok(())
+}
+
+fn singles(name: String, values: &[f32]) -> Result<Tensor, Error> {
+    let shape = [1, 1, narrow(values.len(), "length of a vector")?];
+    Ok(Tensor { name, dtype: DType::F32, shape, bytes: values.iter().flat_map(|v| v.to_le_bytes()).collect() })
+}
+
+/// A size in the format's own integer type.
+fn narrow<T: TryFrom<usize>>(found: usize, what: &'static str) -> Result<T, Error> {
+    let bits = 8 * size_of::<T>();
+    T::try_from(found).map_err(|_| Error::Limit { what, found, allowed: format!("{bits} bits") })
+}

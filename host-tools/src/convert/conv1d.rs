@@ -1,0 +1,231 @@
+//! A convolution in integers, as the blob stores it.
+
+use crate::checkpoint::Conv1d;
+
+use super::linear_algebra::{cholesky, solve_factored};
+use super::moments::Moments;
+use super::rounding::{Metric, Rounding, round_row};
+
+/// Largest int8 weight.
+pub const NARROW: i32 = 127;
+/// Largest int16 weight: `256 hi + lo` with `hi` in -127..=127 reaches further, but symmetric ranges need no more.
+pub const WIDE: i32 = 127 * 256;
+
+/// How a layer is quantised.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Rounding of int8 rows. (int16 rows are always rounded to nearest.)
+    pub rounding: Rounding,
+    /// Let every layer make up for what the layers before it lost: its weights are refitted to the unquantised output.
+    pub refit: bool,
+    /// Correct biases so that the mean output stays.
+    pub bias_correction: bool,
+    /// Ridge of the covariance, as a share of its mean diagonal.
+    pub ridge: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { rounding: Rounding::Feedback, refit: true, bias_correction: true, ridge: 0.003 }
+    }
+}
+
+impl Options {
+    /// Plain rounding to nearest, nothing corrected: what everything else is measured against.
+    pub const PLAIN: Self = Self { rounding: Rounding::Nearest, refit: false, bias_correction: false, ridge: 0.0 };
+
+    /// Whether calibration data is of use.
+    #[must_use]
+    pub fn needs_calibration(&self) -> bool {
+        *self != Self { ridge: self.ridge, ..Self::PLAIN }
+    }
+}
+
+/// A quantised convolution. `weight = value * scale[output]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct QuantisedConv1d {
+    /// Name in the checkpoint.
+    pub name: String,
+    /// Output channels.
+    pub outputs: usize,
+    /// Input channels.
+    pub inputs: usize,
+    /// Taps.
+    pub kernel: usize,
+    /// Leading output channels in int16.
+    pub wide: usize,
+    /// `[outputs][inputs][kernel]`; the first `wide` rows within ±[`WIDE`], the others within ±[`NARROW`].
+    pub values: Vec<i32>,
+    /// `[outputs]`, positive.
+    pub scales: Vec<f32>,
+    /// `[outputs]`
+    pub bias: Vec<f32>,
+}
+
+impl QuantisedConv1d {
+    /// Quantises `source`; `moments` are those of its input (`[inputs][kernel]` order) and of the output wanted, where known.
+    #[must_use]
+    pub fn new(source: &Conv1d, wide: usize, options: &Options, moments: Option<&Moments>) -> Self {
+        let n = source.inputs * source.kernel;
+        let mut weights: Vec<f64> = source.weight.iter().map(|&w| f64::from(w)).collect();
+        let mut bias: Vec<f64> = source.bias.iter().map(|&b| f64::from(b)).collect();
+        let covariance = moments.filter(|m| m.count() > 0).map(Moments::covariance);
+        let mut metric = None;
+        if let Some(c) = &covariance {
+            let ridge = options.ridge * (0..n).map(|i| c.xx[i * n + i]).sum::<f64>() / n as f64 + f64::MIN_POSITIVE;
+            let mut cost = c.xx.clone();
+            for i in 0..n {
+                cost[i * n + i] += ridge;
+            }
+            if options.refit
+                && let Some(factor) = cholesky(&cost, n)
+            {
+                // (C_yx + ridge W) (C_xx + ridge I)^-1: least squares that stays near the trained weights.
+                for (row, yx) in weights.chunks_exact_mut(n).zip(c.yx.chunks_exact(n)) {
+                    for (w, yx) in row.iter_mut().zip(yx) {
+                        *w = *w * ridge + yx;
+                    }
+                    solve_factored(&factor, n, row);
+                }
+            }
+            metric = Metric::new(&cost, n);
+        }
+        let mut values = Vec::with_capacity(weights.len());
+        let mut scales = Vec::with_capacity(source.outputs);
+        for (o, row) in weights.chunks_exact(n).enumerate() {
+            let rounded = if o < wide {
+                round_row(row, WIDE, Rounding::Nearest, None)
+            } else {
+                round_row(row, NARROW, options.rounding, metric.as_ref())
+            };
+            // A refit is a fit around the means: the bias belongs to it.
+            if (options.bias_correction || options.refit)
+                && let Some(c) = &covariance
+            {
+                let product: f64 =
+                    rounded.values.iter().zip(&c.x).map(|(&v, x)| f64::from(v) * rounded.scale * x).sum();
+                bias[o] = c.y[o] - product;
+            }
+            values.extend(rounded.values);
+            scales.push(rounded.scale as f32);
+        }
+        Self {
+            name: source.name.clone(),
+            outputs: source.outputs,
+            inputs: source.inputs,
+            kernel: source.kernel,
+            wide,
+            values,
+            scales,
+            bias: bias.iter().map(|&b| b as f32).collect(),
+        }
+    }
+
+    /// The real weights that the integers stand for.
+    #[must_use]
+    pub fn dequantised(&self) -> Conv1d {
+        let n = self.inputs * self.kernel;
+        let weight = self
+            .values
+            .chunks_exact(n)
+            .zip(&self.scales)
+            .flat_map(|(row, &scale)| row.iter().map(move |&v| (f64::from(v) * f64::from(scale)) as f32))
+            .collect();
+        Conv1d {
+            name: self.name.clone(),
+            outputs: self.outputs,
+            inputs: self.inputs,
+            kernel: self.kernel,
+            weight,
+            bias: self.bias.clone(),
+        }
+    }
+
+    /// Rows `from..to` as the blob wants them: `[kernel][rows][inputs]`.
+    #[must_use]
+    pub fn planes(&self, from: usize, to: usize) -> Vec<i32> {
+        let n = self.inputs * self.kernel;
+        let mut out = Vec::with_capacity((to - from) * n);
+        for k in 0..self.kernel {
+            for o in from..to {
+                out.extend((0..self.inputs).map(|i| self.values[o * n + i * self.kernel + k]));
+            }
+        }
+        out
+    }
+}
+
+/// An int16 weight as two int8: `v = 256 hi + lo`, `hi` in -127..=127, `lo` in -128..=127.
+#[must_use]
+pub fn split(v: i32) -> (i8, i8) {
+    let low = (v & 0xff) as u8 as i8;
+    (((v - i32::from(low)) >> 8) as i8, low)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_hold_every_int16_weight() {
+        for v in -WIDE..=WIDE {
+            let (high, low) = split(v);
+            assert!(high != i8::MIN);
+            assert_eq!(256 * i32::from(high) + i32::from(low), v);
+        }
+    }
+
+    #[test]
+    fn layout_and_round_trip() {
+        let source = Conv1d {
+            name: "c".into(),
+            outputs: 3,
+            inputs: 2,
+            kernel: 3,
+            weight: (0..18).map(|i| (i as f32 - 8.5) / 10.0).collect(),
+            bias: vec![0.5, -0.25, 0.0],
+        };
+        let q = QuantisedConv1d::new(&source, 1, &Options::PLAIN, None);
+        let back = q.dequantised();
+        assert_eq!(back.bias, source.bias);
+        for (i, (a, b)) in back.weight.iter().zip(&source.weight).enumerate() {
+            let step = q.scales[i / 6];
+            assert!((a - b).abs() <= 0.5001 * step, "{i}");
+        }
+        assert!(q.scales[0] * 200.0 < q.scales[1], "the first row is wide");
+        // [kernel][rows][inputs] of row 1..3: first tap of row 1, inputs 0 and 1, ...
+        let p = q.planes(1, 3);
+        assert_eq!(p[..4], [q.values[6], q.values[9], q.values[12], q.values[15]]);
+        assert_eq!(p.len(), 12);
+    }
+
+    #[test]
+    fn bias_correction_keeps_the_mean() {
+        let source = Conv1d {
+            name: "c".into(),
+            outputs: 2,
+            inputs: 3,
+            kernel: 1,
+            weight: vec![0.31, -0.72, 0.111, 0.05, 0.9, -0.33],
+            bias: vec![0.1, 0.2],
+        };
+        let mut moments = Moments::new(3, 2);
+        for t in 0..50 {
+            let x = [1.0 + (t % 7) as f64, (t % 3) as f64, (t % 5) as f64 - 4.0];
+            let y: Vec<f64> = (0..2)
+                .map(|o| {
+                    (0..3).map(|i| f64::from(source.weight[o * 3 + i]) * x[i]).sum::<f64>() + f64::from(source.bias[o])
+                })
+                .collect();
+            moments.add(&x, &y);
+        }
+        let options = Options { rounding: Rounding::Nearest, refit: false, bias_correction: true, ridge: 0.01 };
+        let back = QuantisedConv1d::new(&source, 0, &options, Some(&moments)).dequantised();
+        let c = moments.covariance();
+        for o in 0..2 {
+            let mean: f64 =
+                (0..3).map(|i| f64::from(back.weight[o * 3 + i]) * c.x[i]).sum::<f64>() + f64::from(back.bias[o]);
+            assert!((mean - c.y[o]).abs() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! Why a checkpoint could not become a blob.
+
+use crate::reference::road::RoadError;
+use crate::reference::tokenizer::EncodeError;
+
+/// A conversion failed. Nothing was written.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A size does not fit the blob format.
+    #[error("{what} is {found}, the blob format allows {allowed}; train a smaller configuration")]
+    Limit {
+        /// Which size.
+        what: &'static str,
+        /// Its value.
+        found: usize,
+        /// What the format can say.
+        allowed: String,
+    },
+    /// The checkpoint lacks what a motion needs.
+    #[error(transparent)]
+    Road(#[from] RoadError),
+    /// A standard deviation that cannot be a scale.
+    #[error("std[{channel}] is {value}, expected a positive number; the statistics are damaged")]
+    Std {
+        /// Feature channel.
+        channel: usize,
+        /// Its value.
+        value: f64,
+    },
+    /// A code that half precision cannot hold.
+    #[error("code {code} of quantizer {quantizer} holds {value}, beyond the range of half precision (65504)")]
+    Code {
+        /// Codebook.
+        quantizer: usize,
+        /// Row of the codebook.
+        code: usize,
+        /// The value.
+        value: f32,
+    },
+    /// Calibration clips could not be encoded.
+    #[error("calibration clip {clip}: {source}")]
+    Calibration {
+        /// Its name.
+        clip: String,
+        /// Why.
+        source: EncodeError,
+    },
+    /// The dataset has no clip to calibrate with.
+    #[error(
+        "the calibration dataset has no train clip of at least {least} frames; give another with --calibration, or none"
+    )]
+    NoCalibration {
+        /// Shortest useful clip.
+        least: usize,
+    },
+    /// Postcard could not write the manifest.
+    #[error("the manifest cannot be serialised: {0}")]
+    Manifest(#[from] postcard::Error),
+    /// The finished blob is not accepted by the runtime.
+    #[error("the runtime refuses the finished blob: {0}; the weights are out of its range")]
+    Refused(motionette::blob::Error),
+    /// The self-test could not be run.
+    #[error("the self-test of the finished blob failed: {0}")]
+    SelfTest(motionette::Error),
+}

@@ -1,0 +1,76 @@
+//! From a checkpoint to a blob: quantisation, then the byte format.
+//!
+//! Weights become int8 with one scale an output channel; the decoder's root rows, which integrate over time, become int16. What plain
+//! rounding loses is fought three ways, each an option so that it can be measured against the others ([`Options`]): rounding with error
+//! feedback, refitting every layer to make up for the layers before it, and bias correction. All three use the same thing, the
+//! covariance of a layer's input over calibration clips.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`calibration`] | latents of train clips |
+//! | [`moments`], [`linear_algebra`] | covariances and what is done with them |
+//! | [`rounding`] | one row of weights to integers |
+//! | [`conv1d`] | one layer |
+//! | [`decoder`] | all layers, each calibrated behind the quantised ones before it |
+//! | [`blob`] | bytes, self-test |
+
+pub mod blob;
+pub mod calibration;
+pub mod conv1d;
+pub mod decoder;
+pub mod error;
+pub mod linear_algebra;
+pub mod moments;
+pub mod rounding;
+
+pub use blob::AlignedBlob;
+pub use conv1d::{Options, QuantisedConv1d};
+pub use error::Error;
+pub use rounding::Rounding;
+
+use crate::checkpoint::TokenizerCheckpoint;
+
+/// Longest motion of our models: 196 frames.
+pub const MAX_TOKENS: usize = 49;
+/// Output rows in int16: yaw velocity, planar velocity, height.
+pub const ROOT_ROWS: usize = 4;
+
+/// Text of the model card in a blob.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct CardText {
+    /// Name of the model.
+    pub name: String,
+    /// Licence of the weights.
+    pub licence: String,
+    /// Data it was trained on.
+    pub data: String,
+    /// Hash of the checkpoint.
+    pub checkpoint: String,
+}
+
+/// A finished conversion.
+#[derive(Debug, Clone)]
+pub struct Conversion {
+    /// The blob.
+    pub blob: AlignedBlob,
+    /// Its decoder in integers.
+    pub layers: Vec<QuantisedConv1d>,
+}
+
+/// Quantises `checkpoint` with `options`, calibrated on `latents`, and writes the blob.
+///
+/// The same input gives the same bytes. `progress` is called with the name of each layer before it is worked on.
+///
+/// # Errors
+/// [`Error`].
+pub fn convert(
+    checkpoint: &TokenizerCheckpoint,
+    options: &Options,
+    latents: &[Vec<f32>],
+    card: &CardText,
+    progress: impl FnMut(&str),
+) -> Result<Conversion, Error> {
+    let layers = decoder::quantise(&checkpoint.decoder, ROOT_ROWS, options, latents, progress);
+    let blob = blob::write(checkpoint, &layers, card)?;
+    Ok(Conversion { blob, layers })
+}

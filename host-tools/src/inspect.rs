@@ -1,0 +1,181 @@
+//! What is in a blob: every tensor, its size and range, what quantisation cost it, and the work of every layer.
+
+use serde::Serialize;
+
+use crate::blob_file::{BlobFile, Error};
+use crate::checkpoint::{Conv1d, TokenizerCheckpoint};
+use crate::convert::QuantisedConv1d;
+use motionette::blob::DType;
+
+/// Everything `motionette inspect` shows.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Inspection {
+    /// Name of the model.
+    pub name: String,
+    /// Licence of the weights.
+    pub licence: String,
+    /// Data they were trained on.
+    pub data: String,
+    /// Hash of the checkpoint.
+    pub checkpoint: String,
+    /// Format version, "major.minor".
+    pub version: String,
+    /// Bytes of the blob.
+    pub bytes: usize,
+    /// Frames a second.
+    pub frame_rate: u16,
+    /// Longest motion, tokens.
+    pub max_tokens: u16,
+    /// Configuration of the decoder in words.
+    pub decoder: String,
+    /// Whether it carries a self-test.
+    pub self_test: bool,
+    /// All tensors.
+    pub tensors: Vec<TensorInfo>,
+    /// All layers of the decoder.
+    pub layers: Vec<LayerInfo>,
+}
+
+/// One tensor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TensorInfo {
+    /// Name.
+    pub name: String,
+    /// Number format.
+    pub dtype: &'static str,
+    /// Shape, slowest dimension first.
+    pub shape: [usize; 3],
+    /// Offset in the weight section.
+    pub offset: usize,
+    /// Bytes.
+    pub bytes: usize,
+    /// Smallest number (integers before scaling).
+    pub min: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// One convolution.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LayerInfo {
+    /// Name in the checkpoint.
+    pub name: String,
+    /// Output channels.
+    pub outputs: usize,
+    /// Input channels.
+    pub inputs: usize,
+    /// Taps.
+    pub kernel: usize,
+    /// Output channels in int16.
+    pub wide: usize,
+    /// Smallest scale.
+    pub scale_min: f32,
+    /// Largest scale.
+    pub scale_max: f32,
+    /// Rows of output at the longest motion.
+    pub rows: usize,
+    /// Multiply-accumulates at the longest motion, all channels; an int16 row counts twice.
+    pub macs: u64,
+    /// Root mean square of the difference to the checkpoint's weights, as a share of their own; `None` without a checkpoint.
+    pub weight_error: Option<f64>,
+    /// Largest difference to a checkpoint's weight; `None` without a checkpoint.
+    pub weight_error_max: Option<f64>,
+}
+
+/// Looks into a blob; with the checkpoint it came from, also what quantisation cost.
+///
+/// # Errors
+/// [`Error`].
+pub fn inspect(blob: &BlobFile, checkpoint: Option<&TokenizerCheckpoint>) -> Result<Inspection, Error> {
+    let (header, manifest, _) = blob.parts()?;
+    let tensors = blob
+        .table()?
+        .into_iter()
+        .map(|t| TensorInfo {
+            dtype: dtype_name(t.dtype),
+            min: t.values.iter().copied().fold(f64::INFINITY, f64::min),
+            max: t.values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            name: t.name,
+            shape: t.shape,
+            offset: t.offset,
+            bytes: t.bytes,
+        })
+        .collect();
+    let d = &manifest.decoder;
+    let layers = blob.layers()?;
+    let originals = checkpoint.map(|c| c.decoder.convolutions()).unwrap_or_default();
+    let rows = rows_of_layers(usize::from(manifest.max_tokens), usize::from(d.stages), d.dilations.len());
+    let layers = layers.iter().zip(rows).enumerate().map(|(i, (l, rows))| info(l, rows, originals.get(i).copied()));
+    Ok(Inspection {
+        name: manifest.card.name.to_owned(),
+        licence: manifest.card.licence.to_owned(),
+        data: manifest.card.data.to_owned(),
+        checkpoint: manifest.card.checkpoint.to_owned(),
+        version: format!("{}.{}", header.major, header.minor),
+        bytes: header.total_len as usize,
+        frame_rate: manifest.frame_rate,
+        max_tokens: manifest.max_tokens,
+        decoder: format!(
+            "width {}, {} x {} codes of {}, {} stages of dilations {:?}, {} features",
+            d.width, d.quantizers, d.codes, d.code_width, d.stages, d.dilations, d.features
+        ),
+        self_test: manifest.self_test.hash != 0,
+        tensors,
+        layers: layers.collect(),
+    })
+}
+
+/// Output rows of every convolution in order of execution, for so many tokens.
+#[must_use]
+pub fn rows_of_layers(tokens: usize, stages: usize, blocks: usize) -> Vec<usize> {
+    let mut rows = vec![tokens];
+    for stage in 0..stages {
+        rows.extend(std::iter::repeat_n(tokens << stage, 2 * blocks));
+        rows.push(tokens << (stage + 1));
+    }
+    rows.extend([tokens << stages; 2]);
+    rows
+}
+
+/// Multiply-accumulates of one layer for `rows` output rows, all channels.
+#[must_use]
+pub fn layer_macs(layer: &QuantisedConv1d, rows: usize) -> u64 {
+    (rows * layer.kernel * layer.inputs * (layer.outputs + layer.wide)) as u64
+}
+
+fn info(layer: &QuantisedConv1d, rows: usize, original: Option<&Conv1d>) -> LayerInfo {
+    let errors = original.filter(|o| o.weight.len() == layer.values.len()).map(|original| {
+        let back = layer.dequantised();
+        let pairs = || original.weight.iter().zip(&back.weight).map(|(&a, &b)| (f64::from(a), f64::from(b)));
+        let square = pairs().map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        let total = pairs().map(|(a, _)| a * a).sum::<f64>();
+        (
+            if total > 0.0 { (square / total).sqrt() } else { 0.0 },
+            pairs().map(|(a, b)| (a - b).abs()).fold(0.0, f64::max),
+        )
+    });
+    LayerInfo {
+        name: layer.name.clone(),
+        outputs: layer.outputs,
+        inputs: layer.inputs,
+        kernel: layer.kernel,
+        wide: layer.wide,
+        scale_min: layer.scales.iter().copied().fold(f32::INFINITY, f32::min),
+        scale_max: layer.scales.iter().copied().fold(0.0, f32::max),
+        rows,
+        macs: layer_macs(layer, rows),
+        weight_error: errors.map(|e| e.0),
+        weight_error_max: errors.map(|e| e.1),
+    }
+}
+
+/// Short name of a number format.
+#[must_use]
+pub fn dtype_name(dtype: DType) -> &'static str {
+    match dtype {
+        DType::I8 => "int8",
+        DType::I16Planes => "int16",
+        DType::F16 => "f16",
+        DType::F32 => "f32",
+    }
+}

@@ -1,0 +1,162 @@
+//! What a blob and a request need, before anything is flashed: arena, flash, work.
+
+use motionette::blob::{DType, HEADER_LEN};
+use motionette::refining::Config;
+use motionette::{Limits, Plan};
+use serde::Serialize;
+
+use crate::blob_file::{BlobFile, Error};
+use crate::inspect::{layer_macs, rows_of_layers};
+
+/// A named number of bytes or multiply-accumulates.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Share {
+    /// What it is for.
+    pub name: String,
+    /// How much.
+    pub amount: u64,
+}
+
+/// Everything `motionette plan` shows.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Name of the model.
+    pub model: String,
+    /// Tokens of the largest request.
+    pub tokens: usize,
+    /// Frames of the largest request.
+    pub frames: usize,
+    /// Anchors of the largest request.
+    pub anchors: usize,
+    /// Decoder evaluations of the solver at most.
+    pub solver_evaluations: u16,
+    /// Arena bytes, exactly.
+    pub arena_bytes: usize,
+    /// The arena by purpose; the sum is `arena_bytes`.
+    pub arena: Vec<Share>,
+    /// Bytes of the blob.
+    pub flash_bytes: usize,
+    /// The blob by section; the sum is `flash_bytes`.
+    pub flash: Vec<Share>,
+    /// Decoder evaluations at most, the final one included.
+    pub evaluations: u32,
+    /// Decoder gradients at most.
+    pub gradients: u32,
+    /// Multiply-accumulates at most.
+    pub macs: u64,
+    /// One forward pass over all channels by stage.
+    pub decoder_macs: Vec<Share>,
+    /// Motion hash of the blob's self-test.
+    pub self_test: String,
+}
+
+/// Plans the largest request of `tokens` tokens and `anchors` anchors. `tokens` is cut to what the model allows.
+///
+/// # Errors
+/// [`Error`].
+pub fn plan(blob: &BlobFile, tokens: usize, anchors: usize, refinement: Config) -> Result<Report, Error> {
+    let model = blob.model()?;
+    let tokens = tokens.clamp(1, model.max_tokens());
+    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement });
+    let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
+    Ok(Report {
+        model: model.card().name.to_owned(),
+        tokens,
+        frames: tokens * model.frames_per_token(),
+        anchors,
+        solver_evaluations: if anchors > 0 { refinement.evaluations } else { 0 },
+        arena_bytes: plan.arena_bytes,
+        arena: vec![
+            share("decoder layers and joints", plan.decoder_bytes),
+            share("features and gradient", plan.feature_bytes),
+            share("root path and gradient", plan.path_bytes),
+            share("token embeddings", plan.embedding_bytes),
+            share("solver", plan.solver_bytes),
+        ],
+        flash_bytes: blob.bytes().len(),
+        flash: flash(blob)?,
+        evaluations: plan.evaluations,
+        gradients: plan.gradients,
+        macs: plan.macs,
+        decoder_macs: stages(blob, tokens)?,
+        self_test: format!("{:016x}", model.self_test().hash),
+    })
+}
+
+fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
+    let (header, _, _) = blob.parts()?;
+    let names =
+        ["header", "manifest", "mean and std", "codebooks", "int8 weights", "int16 weights", "scales and biases"];
+    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0];
+    for t in blob.table()? {
+        let section = match t.dtype {
+            DType::F32 if t.name == "mean" || t.name == "std" => 2,
+            DType::F16 => 3,
+            DType::I8 => 4,
+            DType::I16Planes => 5,
+            DType::F32 => 6,
+        };
+        amounts[section] += t.bytes;
+    }
+    let padding = blob.bytes().len() - amounts.iter().sum::<usize>();
+    let mut shares: Vec<Share> =
+        names.iter().zip(amounts).map(|(n, a)| Share { name: (*n).to_owned(), amount: a as u64 }).collect();
+    shares.push(Share { name: "alignment".to_owned(), amount: padding as u64 });
+    Ok(shares)
+}
+
+/// Multiply-accumulates of a forward pass by stage of the decoder ("decoder.model.2", ...).
+fn stages(blob: &BlobFile, tokens: usize) -> Result<Vec<Share>, Error> {
+    let (_, manifest, _) = blob.parts()?;
+    let d = &manifest.decoder;
+    let rows = rows_of_layers(tokens, usize::from(d.stages), d.dilations.len());
+    let mut shares: Vec<Share> = Vec::new();
+    for (layer, rows) in blob.layers()?.iter().zip(rows) {
+        let name: Vec<&str> = layer.name.split('.').take(3).collect();
+        let (name, amount) = (name.join("."), layer_macs(layer, rows));
+        match shares.last_mut().filter(|s| s.name == name) {
+            Some(last) => last.amount += amount,
+            None => shares.push(Share { name, amount }),
+        }
+    }
+    Ok(shares)
+}
+
+/// Rust constants for a firmware that embeds the blob: sizes that the compiler checks, and a place in flash that is aligned.
+#[must_use]
+pub fn model_rs(report: &Report, blob_path: &str) -> String {
+    let Report {
+        model, tokens, frames, anchors, solver_evaluations, arena_bytes, flash_bytes, macs, self_test, ..
+    } = report;
+    let path = blob_path.replace('\\', "/");
+    format!(
+        r#"// Generated by `motionette plan`; generate it again when the blob changes.
+
+/// Name of the model.
+pub const MODEL_NAME: &str = {model:?};
+/// Bytes of the blob.
+pub const BLOB_BYTES: usize = {flash_bytes};
+/// Hash of the blob's self-test motion.
+pub const SELF_TEST_HASH: u64 = 0x{self_test};
+/// Largest request these figures hold for: tokens.
+pub const TOKENS: usize = {tokens};
+/// Largest request: frames.
+pub const FRAMES: usize = {frames};
+/// Largest request: anchors.
+pub const ANCHORS: usize = {anchors};
+/// Largest request: decoder evaluations of the solver.
+pub const EVALUATIONS: u16 = {solver_evaluations};
+/// Arena bytes that such a request takes, exactly.
+pub const ARENA_BYTES: usize = {arena_bytes};
+/// Multiply-accumulates that it takes at most.
+pub const MACS: u64 = {macs};
+
+/// Bytes on the boundary that the runtime asks for.
+#[repr(C, align(16))]
+pub struct Aligned<const N: usize>(pub [u8; N]);
+
+/// The blob, in flash.
+pub static BLOB: Aligned<BLOB_BYTES> = Aligned(*include_bytes!({path:?}));
+"#
+    )
+}

@@ -1,0 +1,251 @@
+//! Does the quantised runtime do what the f32 reference does? (`motionette verify`, DESIGN section 6.)
+//!
+//! Both decode the same embeddings `u`, those the runtime made of the tokens of real clips, so that the decoder is measured and not two
+//! solvers. What two solvers make of the same anchors is reported apart ([`solvers`]). [`layers`] says where the error comes from.
+
+pub mod layers;
+pub mod solvers;
+
+use motionette::{Generator, Limits, Plan, Request};
+use serde::Serialize;
+
+use crate::agreement::Agreement;
+use crate::blob_file::{self, BlobFile};
+use crate::checkpoint::TokenizerCheckpoint;
+use crate::dataset::{Dataset, Split};
+use crate::motion::Pose;
+use crate::reference::road::RoadError;
+use crate::reference::tokenizer::EncodeError;
+use crate::reference::{Road, Tokenizer};
+
+/// Mean root-aligned joint error allowed, millimetres.
+pub const MEAN_BUDGET_MM: f64 = 1.0;
+/// 99th percentile of it allowed.
+pub const P99_BUDGET_MM: f64 = 8.0;
+/// Mean root drift at the end of 5 s allowed.
+pub const DRIFT_MEAN_BUDGET_MM: f64 = 10.0;
+/// 95th percentile of it allowed.
+pub const DRIFT_P95_BUDGET_MM: f64 = 30.0;
+
+/// Verification could not be carried out. (A missed budget is no error but a result.)
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The blob.
+    #[error(transparent)]
+    Blob(#[from] blob_file::Error),
+    /// The checkpoint lacks what a motion needs.
+    #[error(transparent)]
+    Road(#[from] RoadError),
+    /// Blob and checkpoint are not of one model.
+    #[error(
+        "blob and checkpoint are different models: {what} is {blob} in the blob and {checkpoint} in the checkpoint"
+    )]
+    Mismatch {
+        /// Which size differs.
+        what: &'static str,
+        /// Its value in the blob.
+        blob: usize,
+        /// Its value in the checkpoint.
+        checkpoint: usize,
+    },
+    /// A clip could not be encoded.
+    #[error("clip {clip}: {source}")]
+    Encode {
+        /// Its name.
+        clip: String,
+        /// Why.
+        source: EncodeError,
+    },
+    /// No clip to verify with.
+    #[error("the dataset has no {split:?} clip of at least {least} frames; choose another split or dataset")]
+    NoClips {
+        /// The split asked for.
+        split: Split,
+        /// Shortest useful clip.
+        least: usize,
+    },
+    /// The runtime refused a request.
+    #[error("clip {clip}: the runtime says: {source}")]
+    Runtime {
+        /// Its name.
+        clip: String,
+        /// Why.
+        source: motionette::Error,
+    },
+}
+
+/// A token sequence to decode.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Sequence {
+    /// Name of the clip.
+    pub id: String,
+    /// `[L][Q]`
+    pub tokens: Vec<u16>,
+}
+
+/// One figure against its budget.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Budget {
+    /// What is measured.
+    pub name: &'static str,
+    /// The figure, millimetres.
+    pub value_mm: f64,
+    /// What is allowed.
+    pub limit_mm: f64,
+    /// Whether it is kept.
+    pub met: bool,
+}
+
+/// The result of a verification.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Verification {
+    /// Runtime against reference on the same `u`.
+    pub agreement: Agreement,
+    /// The figures against their budgets.
+    pub budgets: Vec<Budget>,
+    /// Where the error comes from.
+    pub layers: layers::Report,
+    /// What two solvers make of the same anchors; `None` when not asked for.
+    pub solvers: Option<solvers::Report>,
+}
+
+impl Verification {
+    /// Whether every budget is kept.
+    #[must_use]
+    pub fn passed(&self) -> bool {
+        self.budgets.iter().all(|b| b.met)
+    }
+}
+
+/// Tokens of at most `count` clips of `split`, spread evenly over it.
+///
+/// # Errors
+/// [`Error::NoClips`], [`Error::Encode`].
+pub fn sequences(
+    checkpoint: &TokenizerCheckpoint,
+    dataset: &Dataset,
+    split: Split,
+    count: usize,
+    max_tokens: usize,
+) -> Result<Vec<Sequence>, Error> {
+    let least = 2 * checkpoint.config.frames_per_token();
+    let clips: Vec<_> = dataset.split(split).filter(|c| c.frames() >= least).collect();
+    if clips.is_empty() || count == 0 {
+        return Err(Error::NoClips { split, least });
+    }
+    let wanted = count.min(clips.len());
+    let chosen: Vec<_> = (0..wanted).map(|i| clips[i * clips.len() / wanted]).collect();
+    let tokenizer = Tokenizer::<f32>::new(checkpoint);
+    let encode = |clip: &crate::dataset::ClipView<'_>| {
+        let frames = clip.frames().min(max_tokens * checkpoint.config.frames_per_token());
+        let id = clip.info.id.clone();
+        match tokenizer.encode(&clip.features[..frames * checkpoint.config.features]) {
+            Ok(ids) => Ok(Sequence { id, tokens: ids.iter().map(|&i| runtime_token(i)).collect() }),
+            Err(source) => Err(Error::Encode { clip: id, source }),
+        }
+    };
+    crate::parallel::map(&chosen, encode).into_iter().collect()
+}
+
+/// A reference id as the runtime's token; what is no code (-1) adds nothing there either.
+#[must_use]
+pub fn runtime_token(id: i64) -> u16 {
+    u16::try_from(id).unwrap_or(motionette::decoding::codebook::Codebooks::NONE)
+}
+
+/// Refuses a blob and a checkpoint of different sizes.
+///
+/// # Errors
+/// [`Error::Mismatch`].
+pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Result<(), Error> {
+    let (_, manifest, _) = blob.parts()?;
+    let (d, c) = (&manifest.decoder, &checkpoint.config);
+    let sizes = [
+        ("width", usize::from(d.width), c.width),
+        ("code width", usize::from(d.code_width), c.code_dim),
+        ("number of codes", usize::from(d.codes), c.codes),
+        ("number of quantizers", usize::from(d.quantizers), c.quantizers),
+        ("number of stages", usize::from(d.stages), c.down_t),
+        ("number of residual blocks", d.dilations.len(), c.depth),
+        ("number of features", usize::from(d.features), c.features),
+    ];
+    match sizes.into_iter().find(|(_, blob, checkpoint)| blob != checkpoint) {
+        Some((what, blob, checkpoint)) => Err(Error::Mismatch { what, blob, checkpoint }),
+        None => Ok(()),
+    }
+}
+
+/// A motion of the runtime, copied out of its arena.
+#[derive(Debug, Clone)]
+pub struct RuntimeMotion {
+    /// Embeddings `[L][du]` it was decoded from.
+    pub u: Vec<f32>,
+    /// Joints, metres.
+    pub joints: Vec<Pose>,
+    /// What the refinement did.
+    pub refinement: Option<motionette::refining::Report>,
+}
+
+/// Runs one request in an arena of exactly the planned size.
+///
+/// # Errors
+/// [`Error::Blob`], [`Error::Runtime`].
+pub fn run(blob: &BlobFile, clip: &str, request: &Request<'_>) -> Result<RuntimeMotion, Error> {
+    let model = blob.model()?;
+    let failed = |source| Error::Runtime { clip: clip.to_owned(), source };
+    let tokens = match request.source {
+        motionette::Source::Tokens(tokens) => tokens.len() / model.codebooks().quantizers(),
+        motionette::Source::Embeddings(u) => u.len() / model.decoder().code_width(),
+    };
+    let anchors = if request.refinement.is_some() { request.anchors.len() } else { 0 };
+    let limits = Limits { tokens, anchors, refinement: request.refinement.unwrap_or_default() };
+    let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(16)];
+    let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(failed)?;
+    let motion = generator.generate(request, &mut ()).map_err(failed)?;
+    Ok(RuntimeMotion { u: motion.u().to_vec(), joints: motion.frames().to_vec(), refinement: motion.refinement })
+}
+
+/// Verifies `blob` against `checkpoint` over `sequences`; `solver_clips` of them also compare the solvers. `progress` is called once a clip.
+///
+/// # Errors
+/// [`Error`].
+pub fn verify(
+    blob: &BlobFile,
+    checkpoint: &TokenizerCheckpoint,
+    sequences: &[Sequence],
+    solver_clips: usize,
+    progress: impl Fn() + Sync,
+) -> Result<Verification, Error> {
+    check_same_model(blob, checkpoint)?;
+    let road = Road::<f32>::new(checkpoint)?;
+    let compared = crate::parallel::map(sequences, |s| -> Result<_, Error> {
+        let motion = run(blob, &s.id, &Request::tokens(&s.tokens))?;
+        let reference = road.forward(&motion.u).joints;
+        progress();
+        Ok((motion, reference))
+    });
+    let mut agreement = Agreement::default();
+    let mut latents = Vec::new();
+    for (sequence, result) in sequences.iter().zip(compared) {
+        let (motion, reference) = result?;
+        agreement.add(&sequence.id, &motion.joints, &reference);
+        latents.push((motion.u, motion.joints));
+    }
+    agreement.finish();
+    let layers = layers::measure(blob, checkpoint, &latents)?;
+    let solvers = if solver_clips > 0 { Some(solvers::compare(blob, &road, sequences, solver_clips)?) } else { None };
+    let budgets = budgets(&agreement);
+    Ok(Verification { agreement, budgets, layers, solvers })
+}
+
+fn budgets(a: &Agreement) -> Vec<Budget> {
+    [
+        ("root-aligned joint error, mean", a.mean_mm, MEAN_BUDGET_MM),
+        ("root-aligned joint error, 99th percentile", a.p99_mm, P99_BUDGET_MM),
+        ("root drift at the end of 5 s, mean", a.drift_mean_mm, DRIFT_MEAN_BUDGET_MM),
+        ("root drift at the end of 5 s, 95th percentile", a.drift_p95_mm, DRIFT_P95_BUDGET_MM),
+    ]
+    .into_iter()
+    .map(|(name, value_mm, limit_mm)| Budget { name, value_mm, limit_mm, met: value_mm <= limit_mm })
+    .collect()
+}
