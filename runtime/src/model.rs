@@ -59,7 +59,8 @@ impl<'a> Model<'a> {
         refuse_beyond(std, MAX_STATISTIC, tensor.index)?;
         let codebooks = Codebooks::open(&mut tensors, &manifest.decoder)?;
         let decoder = Decoder::open(&mut tensors, &manifest.decoder, EMBEDDING_MARGIN * codebooks.largest())?;
-        if header.minor <= MINOR {
+        // A newer minor version may carry more behind what this one knows.
+        if header.minor == MINOR {
             tensors.finish()?;
         }
         Ok(Model {

@@ -111,7 +111,7 @@ fn mutated_manifests_never_panic() {
     let mut arena = vec![0u8; 1 << 20];
     let mut opened = 0;
     for at in (0..HEADER_LEN).chain(manifest) {
-        for value in [0u8, 1, 2, 3, 7, 16, 63, 127, 128, 129, 200, 255] {
+        for value in [0u8, 1, 2, 127, 128, 255] {
             let mut blob = Editable::new(tiny.bytes());
             blob.bytes()[at] = value;
             blob.repair();

@@ -1,0 +1,99 @@
+//! Why a request fails.
+
+use crate::arena::ArenaTooSmall;
+use crate::decoding::codebook::TokenOutOfRange;
+use crate::perception::anchors::AnchorError;
+use crate::refining::SolverError;
+
+/// Why a request gave no motion. The generator is usable afterwards.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Error {
+    /// The arena is too small for this request; [`Plan::for_request`] says beforehand what is needed.
+    Arena(ArenaTooSmall),
+    /// The processor's floating-point environment would give other bits: rounding to nearest even, subnormal numbers
+    /// and NaN payloads must be on (on Cortex-M: FPSCR's RMode, FZ and DN bits zero).
+    FloatingPoint,
+    /// A motion needs at least one token and at most `limit`.
+    Tokens {
+        /// Tokens (or numbers of the embeddings, when they are no whole tokens) in the request.
+        found: usize,
+        /// Most tokens the model allows.
+        limit: usize,
+    },
+    /// A token that no codebook has.
+    TokenOutOfRange {
+        /// Position in the request's tokens.
+        index: usize,
+        /// The token.
+        token: u16,
+        /// Codes there are.
+        codes: u16,
+    },
+    /// An embedding is not finite or further from zero than the model guarantees to handle.
+    Embedding {
+        /// Position in `u`.
+        index: usize,
+    },
+    /// An anchor was refused.
+    Anchors(AnchorError),
+    /// The refinement failed.
+    Solver(SolverError),
+    /// The observer asked to abort.
+    Aborted,
+}
+
+impl core::fmt::Display for Error {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Error::Arena(e) => e.fmt(f),
+            Error::FloatingPoint => write!(
+                f,
+                "floating point is not in its default state: clear flush-to-zero, default-NaN and rounding mode bits"
+            ),
+            Error::Tokens { found, limit } => {
+                write!(
+                    f,
+                    "the request has {found} tokens (or numbers that are no whole tokens), allowed are 1 to {limit}"
+                )
+            }
+            Error::TokenOutOfRange { index, token, codes } => {
+                write!(f, "token {token} at position {index}: the codebook has codes 0 to {}", codes.saturating_sub(1))
+            }
+            Error::Embedding { index } => write!(f, "number {index} of the embeddings is not finite or too large"),
+            Error::Anchors(e) => e.fmt(f),
+            Error::Solver(e) => e.fmt(f),
+            Error::Aborted => write!(f, "the observer aborted the request"),
+        }
+    }
+}
+
+impl core::error::Error for Error {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Error::Arena(e) => Some(e),
+            Error::Anchors(e) => Some(e),
+            Error::Solver(e) => Some(e),
+            _ => None,
+        }
+    }
+}
+
+impl From<ArenaTooSmall> for Error {
+    fn from(e: ArenaTooSmall) -> Self {
+        Error::Arena(e)
+    }
+}
+
+impl From<AnchorError> for Error {
+    fn from(e: AnchorError) -> Self {
+        Error::Anchors(e)
+    }
+}
+
+impl From<TokenOutOfRange> for Error {
+    fn from(e: TokenOutOfRange) -> Self {
+        Error::TokenOutOfRange { index: e.index, token: e.token, codes: e.codes }
+    }
+}

@@ -1,0 +1,252 @@
+//! Runs a request: embeds its tokens, bends them onto the anchors, decodes the joints.
+
+mod decoder_map;
+mod environment;
+mod error;
+mod observer;
+mod request;
+
+pub use error::Error;
+pub use observer::{Flow, Observer, Progress, Stage};
+pub use request::{Request, Source};
+
+use crate::JOINTS;
+use crate::arena::{Arena, ArenaTooSmall};
+use crate::decoding::decoder::Interrupted;
+use crate::log;
+use crate::model::Model;
+use crate::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels};
+use crate::perception::anchors::{Anchor, AnchorSet, Target};
+use crate::plan::{JOINT_COLUMNS, Limits, Plan, feature_columns};
+use crate::refining::{self, SolverError, Stop};
+use decoder_map::DecoderMap;
+use environment::floating_point_is_default;
+use observer::Watch;
+
+/// A finished motion, in the generator's arena.
+#[derive(Debug, Clone, Copy)]
+pub struct Motion<'a> {
+    joints: &'a [f32],
+    u: &'a [f32],
+    frame_rate: u16,
+    /// What the refinement did; `None` without one.
+    pub refinement: Option<refining::Report>,
+    /// Arena bytes that were taken.
+    pub arena_used: usize,
+}
+
+impl<'a> Motion<'a> {
+    /// Joint positions `[T][22][3]`, metres, flat.
+    #[must_use]
+    pub const fn joints(&self) -> &'a [f32] {
+        self.joints
+    }
+
+    /// Joint positions, a frame at a time, metres.
+    #[must_use]
+    pub fn frames(&self) -> &'a [[[f32; 3]; JOINTS]] {
+        bytemuck::try_cast_slice(self.joints).unwrap_or(&[])
+    }
+
+    /// Token embeddings `[L][du]` the motion was decoded from.
+    #[must_use]
+    pub const fn u(&self) -> &'a [f32] {
+        self.u
+    }
+
+    /// Frames a second.
+    #[must_use]
+    pub const fn frame_rate(&self) -> u16 {
+        self.frame_rate
+    }
+
+    /// Hash over every bit of embeddings and joints.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        crate::hash::motion(self.u, self.joints)
+    }
+}
+
+/// Makes motions of one model in one arena.
+#[derive(Debug)]
+pub struct Generator<'a> {
+    model: Model<'a>,
+    arena: &'a mut [u8],
+}
+
+impl<'a> Generator<'a> {
+    /// A generator of `model` that works in `arena` and nowhere else.
+    ///
+    /// # Errors
+    /// [`Error::FloatingPoint`] when the processor would compute other bits than the digital-twin contract says.
+    pub fn new(model: Model<'a>, arena: &'a mut [u8]) -> Result<Self, Error> {
+        if floating_point_is_default() { Ok(Generator { model, arena }) } else { Err(Error::FloatingPoint) }
+    }
+
+    /// The model.
+    #[must_use]
+    pub const fn model(&self) -> &Model<'a> {
+        &self.model
+    }
+
+    /// What this request will need of the arena.
+    ///
+    /// # Errors
+    /// [`Error::Tokens`] when its length is not allowed.
+    pub fn plan(&self, request: &Request<'_>) -> Result<Plan, Error> {
+        Ok(Plan::for_request(&self.model, &self.limits(request)?))
+    }
+
+    fn limits(&self, request: &Request<'_>) -> Result<Limits, Error> {
+        let limit = self.model.max_tokens();
+        let (numbers, each) = match request.source {
+            Source::Tokens(tokens) => (tokens.len(), self.model.codebooks().quantizers()),
+            Source::Embeddings(u) => (u.len(), self.model.decoder().code_width()),
+        };
+        let tokens = numbers / each.max(1);
+        if tokens == 0 || tokens > limit || !numbers.is_multiple_of(each.max(1)) {
+            return Err(Error::Tokens { found: if tokens > limit { tokens } else { numbers }, limit });
+        }
+        let anchors = if request.refinement.is_some() { request.anchors.len() } else { 0 };
+        Ok(Limits { tokens, anchors, refinement: request.refinement.unwrap_or_default() })
+    }
+
+    /// Makes the motion of `request`. `observer` is asked at every layer boundary.
+    ///
+    /// # Errors
+    /// [`Error`]; the generator can be used again at once.
+    pub fn generate(&mut self, request: &Request<'_>, observer: &mut impl Observer) -> Result<Motion<'_>, Error> {
+        let result = self.run(request, observer);
+        if let Err(error) = &result {
+            log::refused!("request refused: {}", error);
+        }
+        result
+    }
+
+    fn run(&mut self, request: &Request<'_>, observer: &mut dyn Observer) -> Result<Motion<'_>, Error> {
+        let limits = self.limits(request)?;
+        let model = &self.model;
+        let decoder = model.decoder();
+        let frames = limits.tokens * model.frames_per_token();
+        let anchors = AnchorSet::new(request.anchors, frames)?;
+
+        let mut arena = Arena::new(self.arena);
+        let too_small = |e: ArenaTooSmall| {
+            Error::Arena(ArenaTooSmall { needed: Plan::for_request(model, &limits).arena_bytes, ..e })
+        };
+        let mut take = |count| arena.take::<f32>(count).map_err(too_small);
+        let u = take(limits.tokens * decoder.code_width())?;
+        let features = take(frames * feature_columns(limits.anchors))?;
+        let mut path = Path {
+            cos: take(frames)?,
+            sin: take(frames)?,
+            x: take(frames)?,
+            z: take(frames)?,
+            d_angle: take(frames)?,
+            d_x: take(frames)?,
+            d_z: take(frames)?,
+        };
+        let mut work =
+            decoder.workspace(&mut arena, limits.tokens, POSITION_CHANNELS, JOINT_COLUMNS).map_err(too_small)?;
+        embed(model, request.source, u)?;
+
+        let mut refinement = None;
+        if limits.anchors > 0 {
+            let config = limits.refinement;
+            let scratch = refining::scratch_len(limits.tokens, decoder.code_width(), limits.anchors, &config);
+            let scratch = arena.take::<f32>(scratch).map_err(too_small)?;
+            let selected = channels(anchored_joints(request.anchors));
+            let (values, gradient) = features.split_at_mut_checked(frames * selected.count()).unwrap_or_default();
+            let mut map = DecoderMap {
+                model,
+                channels: &selected,
+                values,
+                gradient,
+                path: &mut path,
+                work: &mut work,
+                watch: Watch { observer, stage: Stage::Refining, evaluation: 0, evaluations: config.evaluations },
+                frames,
+                in_range: true,
+            };
+            refinement = match refining::solve(&mut map, u, &anchors, &config, scratch) {
+                Ok(report) => {
+                    log::debug!("refined: {}", report);
+                    Some(report)
+                }
+                Err(SolverError::Aborted) => return Err(Error::Aborted),
+                Err(e) => return Err(Error::Solver(e)),
+            };
+        }
+
+        let all = channels(u32::MAX);
+        let values = features.get_mut(..frames * all.count()).unwrap_or(&mut []);
+        let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
+        // A wish to finish is granted by carrying on: this pass is the end.
+        let mut check = || match watch.ask() {
+            Err(Stop::Abort) => Err(Interrupted),
+            Ok(()) | Err(Stop::Finish) => Ok(()),
+        };
+        decoder.forward(u, &all, values, &mut work, &mut check).map_err(|Interrupted| Error::Aborted)?;
+        let features = Features { values, channels: &all, mean: model.mean(), std: model.std() };
+        features.integrate(&mut path);
+        let joints = work.sequence.get_mut(..frames * JOINT_COLUMNS).unwrap_or(&mut []);
+        for (frame, row) in joints.chunks_exact_mut(JOINT_COLUMNS).enumerate() {
+            for (joint, to) in row.chunks_exact_mut(3).enumerate() {
+                for (to, from) in to.iter_mut().zip(features.position(&path, joint, frame)) {
+                    *to = from;
+                }
+            }
+        }
+        log::debug!("decoded {} frames in {} arena bytes", frames, arena.used());
+        Ok(Motion { joints, u, frame_rate: model.frame_rate(), refinement, arena_used: arena.used() })
+    }
+
+    /// Runs the blob's self-test: decodes its token sequence and compares the hash. `None`: the blob carries none.
+    ///
+    /// # Errors
+    /// Any [`Error`] of the request.
+    pub fn self_test(&mut self) -> Result<Option<bool>, Error> {
+        let test = self.model.self_test();
+        if test.hash == 0 {
+            return Ok(None);
+        }
+        let mut tokens = [0u16; SELF_TEST_NUMBERS];
+        let count = usize::from(test.tokens) * self.model.codebooks().quantizers();
+        let limit = self.model.max_tokens();
+        let tokens = tokens.get_mut(..count).ok_or(Error::Tokens { found: count, limit })?;
+        let mut stream = crate::hash::Stream::new(u64::from(test.seed));
+        for token in tokens.iter_mut() {
+            *token = stream.below(self.model.codebooks().codes() as u32) as u16;
+        }
+        let motion = self.generate(&Request::tokens(tokens), &mut ())?;
+        Ok(Some(motion.hash() == test.hash))
+    }
+}
+
+/// Token numbers a self-test may have.
+pub const SELF_TEST_NUMBERS: usize = 64;
+
+/// Fills `u` from tokens or embeddings.
+fn embed(model: &Model<'_>, source: Source<'_>, u: &mut [f32]) -> Result<(), Error> {
+    match source {
+        Source::Tokens(tokens) => model.codebooks().embed(tokens, u)?,
+        Source::Embeddings(values) => {
+            let limit = model.embedding_limit();
+            if let Some(index) = values.iter().position(|v| !(v.abs() <= limit)) {
+                return Err(Error::Embedding { index });
+            }
+            for (to, from) in u.iter_mut().zip(values) {
+                *to = *from;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Bit mask of the joints that anchors control.
+fn anchored_joints(anchors: &[Anchor]) -> u32 {
+    anchors.iter().fold(0, |mask, anchor| match anchor.target {
+        Target::Root(_) | Target::PlanarRoot(_) => mask,
+        Target::Joint { joint, .. } => mask | 1u32.wrapping_shl(u32::from(joint)),
+    })
+}

@@ -1,0 +1,72 @@
+//! Who watches the work and may end it.
+
+use crate::refining::Stop;
+
+/// A stage of the work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Stage {
+    /// Bending the motion onto its anchors.
+    Refining,
+    /// Decoding the final motion.
+    Decoding,
+}
+
+/// How far the work is. Reported at every layer boundary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Progress {
+    /// The stage.
+    pub stage: Stage,
+    /// Decoder evaluations begun in this stage.
+    pub evaluation: u16,
+    /// Decoder evaluations this stage may take.
+    pub evaluations: u16,
+}
+
+/// What the observer wants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Flow {
+    /// Go on.
+    Continue,
+    /// Finish with the best motion so far: refinement ends, the motion is decoded and returned.
+    Finish,
+    /// Stop at once, no motion.
+    Abort,
+}
+
+/// Watches the work and may end it at any layer boundary.
+pub trait Observer {
+    /// Called at every layer boundary.
+    fn progress(&mut self, progress: Progress) -> Flow {
+        let _ = progress;
+        Flow::Continue
+    }
+}
+
+impl Observer for () {}
+
+/// Asks the observer.
+pub(super) struct Watch<'o> {
+    /// Whom to ask.
+    pub observer: &'o mut dyn Observer,
+    /// The stage that is reported.
+    pub stage: Stage,
+    /// Evaluations begun.
+    pub evaluation: u16,
+    /// Evaluations there may be.
+    pub evaluations: u16,
+}
+
+impl Watch<'_> {
+    /// Reports progress; a wish to end the work comes back as an error.
+    pub fn ask(&mut self) -> Result<(), Stop> {
+        let Watch { stage, evaluation, evaluations, .. } = *self;
+        match self.observer.progress(Progress { stage, evaluation, evaluations }) {
+            Flow::Continue => Ok(()),
+            Flow::Finish => Err(Stop::Finish),
+            Flow::Abort => Err(Stop::Abort),
+        }
+    }
+}

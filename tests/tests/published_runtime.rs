@@ -1,0 +1,124 @@
+//! Published decoders through the runtime: converted from their own checkpoints, compared with PyTorch's outputs.
+//!
+//! Random weights quantise worse than trained ones and nothing here is calibrated on data, so the budgets are wider than those of
+//! DESIGN section 6; every mistake in the fixtures' README is far beyond them.
+
+use std::path::{Path, PathBuf};
+
+use motionette::decoding::codebook::Codebooks;
+use motionette::nn::output::Channels;
+use motionette::{Limits, Model, Plan, Request, arena::Arena};
+use motionette_host::blob_file::BlobFile;
+use motionette_host::checkpoint;
+use motionette_host::convert::{self, CardText, Options, calibration};
+use motionette_host::verify;
+
+/// Root mean square of the error of normalised features, as a share of the signal.
+const FEATURE_BUDGET: f64 = 0.01;
+/// Largest error of a joint, metres, over motions whose root path is a random walk.
+const JOINT_BUDGET: f64 = 0.012;
+
+fn published() -> Option<PathBuf> {
+    let shared = std::env::var_os("MOTIONETTE_SHARED")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
+    let folder = shared.join("published");
+    if !folder.is_dir() {
+        eprintln!("skipped: ../shared/published not found");
+        return None;
+    }
+    Some(folder)
+}
+
+fn floats(folder: &Path, name: &str) -> Vec<f32> {
+    let bytes = std::fs::read(folder.join("golden").join(format!("{name}.npy"))).expect(name);
+    npyz::NpyFile::new(&bytes[..]).expect(name).into_vec().expect(name)
+}
+
+fn tokens(folder: &Path, name: &str) -> Vec<u16> {
+    let bytes = std::fs::read(folder.join("golden").join(format!("{name}.npy"))).expect(name);
+    let ids: Vec<i64> = npyz::NpyFile::new(&bytes[..]).expect(name).into_vec().expect(name);
+    ids.into_iter().map(verify::runtime_token).collect()
+}
+
+fn blob(path: &Path) -> BlobFile {
+    let checkpoint = checkpoint::load(path).unwrap_or_else(|e| panic!("{e}"));
+    let latents = calibration::random(&checkpoint);
+    let card = CardText { name: "published".into(), ..CardText::default() };
+    let conversion = convert::convert(&checkpoint, &Options::default(), &latents, &card, |_| ()).expect("a conversion");
+    BlobFile::new(conversion.blob, path).expect("a blob the runtime accepts")
+}
+
+/// All 263 normalised features of `tokens`.
+fn features(model: &Model<'_>, tokens: &[u16]) -> Vec<f32> {
+    let (decoder, codebooks) = (model.decoder(), model.codebooks());
+    let length = tokens.len() / codebooks.quantizers();
+    let mut all = Channels::new();
+    assert!(all.push(0, decoder.features()));
+    let mut u = vec![0.0; length * decoder.code_width()];
+    codebooks.embed(tokens, &mut u).expect("published ids");
+    let mut bytes = vec![0_u128; decoder.workspace_bytes(length, all.count(), 0).div_ceil(16)];
+    let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut bytes));
+    let mut work = decoder.workspace(&mut arena, length, all.count(), 0).expect("an arena as planned");
+    let mut out = vec![0.0; length * decoder.upsampling() * all.count()];
+    decoder.forward(&u, &all, &mut out, &mut work, &mut || Ok(())).expect("not interrupted");
+    out
+}
+
+fn relative(actual: &[f32], expected: &[f32]) -> f64 {
+    assert_eq!(actual.len(), expected.len());
+    let pairs = || actual.iter().zip(expected).map(|(&a, &e)| (f64::from(a), f64::from(e)));
+    (pairs().map(|(a, e)| (a - e).powi(2)).sum::<f64>() / pairs().map(|(_, e)| e * e).sum::<f64>()).sqrt()
+}
+
+#[test]
+fn momask_features_and_joints() {
+    let Some(folder) = published() else { return };
+    let blob = blob(&folder.join("rvq.safetensors"));
+    let model = blob.model().expect("checked");
+    for length in ["L17", "L49"] {
+        let tokens = tokens(&folder, &format!("rvq_{length}_ids"));
+        assert!(tokens.contains(&Codebooks::NONE), "some ids are -1");
+        let error = relative(&features(&model, &tokens), &floats(&folder, &format!("rvq_{length}_decoded_norm")));
+        eprintln!("rvq {length}: features off by {:.3} %", 100.0 * error);
+        assert!(error < FEATURE_BUDGET, "{error}");
+        let motion = verify::run(&blob, length, &Request::tokens(&tokens)).expect("a motion");
+        let expected = floats(&folder, &format!("rvq_{length}_joints"));
+        let joints = motion.joints.as_flattened().as_flattened();
+        assert_eq!(joints.len(), expected.len());
+        let worst = joints.iter().zip(&expected).map(|(a, e)| f64::from((a - e).abs())).fold(0.0, f64::max);
+        eprintln!("rvq {length}: joints off by at most {:.2} mm", 1000.0 * worst);
+        assert!(worst < JOINT_BUDGET, "{worst} m");
+    }
+}
+
+#[test]
+fn t2mgpt_features() {
+    let Some(folder) = published() else { return };
+    let blob = blob(&folder.join("t2mgpt_vq.pth"));
+    let model = blob.model().expect("checked");
+    let tokens = tokens(&folder, "t2mgpt_vq_L17_ids");
+    let error = relative(&features(&model, &tokens), &floats(&folder, "t2mgpt_vq_L17_decoded_norm"));
+    eprintln!("t2mgpt L17: features off by {:.3} %", 100.0 * error);
+    assert!(error < FEATURE_BUDGET, "{error}");
+}
+
+#[test]
+fn both_containers_convert_to_the_same_bytes() {
+    let Some(folder) = published() else { return };
+    for (torch, flat) in [("rvq.tar", "rvq.safetensors"), ("t2mgpt_vq.pth", "t2mgpt_vq.safetensors")] {
+        assert!(blob(&folder.join(torch)).bytes() == blob(&folder.join(flat)).bytes(), "{torch} and {flat} differ");
+    }
+}
+
+#[test]
+fn self_test_of_a_converted_blob_passes() {
+    let Some(folder) = published() else { return };
+    let blob = blob(&folder.join("rvq.safetensors"));
+    let model = blob.model().expect("checked");
+    let test = model.self_test();
+    let limits = Limits { tokens: usize::from(test.tokens), anchors: 0, refinement: Default::default() };
+    let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(16)];
+    let mut generator =
+        motionette::Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).expect("default rounding");
+    assert_eq!(generator.self_test().expect("room"), Some(true));
+}
