@@ -2,6 +2,8 @@
 //!
 //! Tolerances come from `tolerances.json`: ten times the distance between PyTorch's f32 and f64 runs. Ids must match exactly.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 
 use motionette_host::checkpoint::{self, TokenizerCheckpoint};
@@ -12,14 +14,7 @@ use motionette_host::reference::{Decoder, Encoder, Quantizer, Tokenizer};
 const FACTOR: f64 = 10.0;
 
 fn published() -> Option<PathBuf> {
-    let shared = std::env::var_os("MOTIONETTE_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
-    let folder = shared.join("published");
-    if !folder.is_dir() {
-        eprintln!("skipped: ../shared/published not found");
-        return None;
-    }
-    Some(folder)
+    common::shared("published")
 }
 
 struct Golden {
@@ -94,6 +89,9 @@ fn momask_decoder_stages_and_joints() {
             let motion = tokenizer.denormalise(&trace.features).expect("statistics");
             golden.check(&format!("rvq_{length}_decoded_denorm"), wide(&motion));
             let joints = recover::joints(&motion, features);
+            golden.check(&format!("rvq_{length}_joints"), wide(joints.as_flattened().as_flattened()));
+            // The importer's own recovery is a second opinion.
+            let joints = motionette_host::motion::recover::joints(&motion).expect("whole rows");
             golden.check(&format!("rvq_{length}_joints"), wide(joints.as_flattened().as_flattened()));
             if length == "L17" {
                 let relu = |x: &[f32]| -> Vec<f32> { x.iter().map(|&v| if v > 0.0 { v } else { 0.0 }).collect() };

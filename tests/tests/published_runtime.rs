@@ -14,7 +14,7 @@ use motionette_host::convert::{self, CardText, Options, calibration};
 use motionette_host::verify;
 
 /// Root mean square of the error of normalised features, as a share of the signal.
-const FEATURE_BUDGET: f64 = 0.01;
+const FEATURE_BUDGET: f64 = 0.015;
 /// Largest error of a joint, metres, over motions whose root path is a random walk.
 const JOINT_BUDGET: f64 = 0.012;
 

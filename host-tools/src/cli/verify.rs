@@ -58,6 +58,10 @@ impl Cmd {
         let blob = BlobFile::open(&self.blob)?;
         let checkpoint = self.files.load(&self.checkpoint)?;
         verify::check_same_model(&blob, &checkpoint)?;
+        let same = verify::names_checkpoint(&blob, &crate::checkpoint::file_hash(&self.checkpoint)?)?;
+        if !same {
+            say("note: the blob was converted from another checkpoint file than this one (their SHA-256 differ)");
+        }
         let max_tokens = blob.model()?.max_tokens();
         let dataset = Dataset::load(&self.dataset)?;
         let sequences = verify::sequences(&checkpoint, &dataset, self.split, self.clips, max_tokens)?;
@@ -68,6 +72,7 @@ impl Cmd {
         let mut report = serde_json::to_value(&result)?;
         if let Some(object) = report.as_object_mut() {
             object.insert("passed".to_owned(), result.passed().into());
+            object.insert("checkpoint_matches".to_owned(), same.into());
         }
         if result.passed() {
             return Ok(report);

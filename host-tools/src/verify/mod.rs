@@ -175,6 +175,14 @@ pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Re
     }
 }
 
+/// Whether the blob's card names this checkpoint file (its SHA-256).
+///
+/// # Errors
+/// [`Error::Blob`]; not after the blob was opened.
+pub fn names_checkpoint(blob: &BlobFile, hash: &str) -> Result<bool, Error> {
+    Ok(blob.parts()?.1.card.checkpoint == hash)
+}
+
 /// A motion of the runtime, copied out of its arena.
 #[derive(Debug, Clone)]
 pub struct RuntimeMotion {
