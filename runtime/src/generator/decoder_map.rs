@@ -5,6 +5,7 @@ use crate::decoding::decoder::{Interrupted, Workspace};
 use crate::model::Model;
 use crate::motion::humanml3d::{Features, Path};
 use crate::nn::output::Channels;
+use crate::perception::anchors::AnchorSet;
 use crate::refining::{MotionMap, Stop};
 
 /// The decoder and the recovery of joints as the solver sees them.
@@ -23,6 +24,8 @@ pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
     pub work: &'s mut Workspace<'w>,
     /// Asked at layer boundaries.
     pub watch: Watch<'o>,
+    /// The anchors, to report how far each evaluation is from them.
+    pub anchors: &'s AnchorSet,
     /// Frames of the motion.
     pub frames: usize,
     /// False when the last point lay where the model guarantees nothing; its positions are infinite then.
@@ -32,6 +35,17 @@ pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
 impl DecoderMap<'_, '_, '_, '_> {
     fn features(&self) -> Features<'_> {
         Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() }
+    }
+
+    /// Mean distance from the anchors, metres.
+    fn control_error(&self) -> f32 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for anchor in self.anchors.iter() {
+            let [x, y, z] = anchor.residual(self.position(anchor.joint, usize::from(anchor.frame)));
+            sum += libm::sqrtf(x * x + y * y + z * z);
+            count += 1.0;
+        }
+        if count > 0.0 { sum / count } else { 0.0 }
     }
 }
 
@@ -77,7 +91,8 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         let features =
             Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
         features.integrate(self.path);
-        Ok(())
+        let error = self.control_error();
+        self.watch.report(Some(error))
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {

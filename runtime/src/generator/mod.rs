@@ -163,6 +163,7 @@ impl<'a> Generator<'a> {
                 values,
                 gradient,
                 path: &mut path,
+                anchors: &anchors,
                 work: &mut work,
                 watch: Watch { observer, stage: Stage::Refining, evaluation: 0, evaluations: config.evaluations },
                 frames,

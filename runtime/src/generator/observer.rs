@@ -13,7 +13,7 @@ pub enum Stage {
 }
 
 /// How far the work is. Reported at every layer boundary.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Progress {
     /// The stage.
@@ -22,6 +22,8 @@ pub struct Progress {
     pub evaluation: u16,
     /// Decoder evaluations this stage may take.
     pub evaluations: u16,
+    /// Mean distance from the anchors of the evaluation that has just been completed, metres; reported once each.
+    pub control_error: Option<f32>,
 }
 
 /// What the observer wants.
@@ -62,8 +64,13 @@ pub(super) struct Watch<'o> {
 impl Watch<'_> {
     /// Reports progress; a wish to end the work comes back as an error.
     pub fn ask(&mut self) -> Result<(), Stop> {
+        self.report(None)
+    }
+
+    /// The same, with what a completed evaluation gave.
+    pub fn report(&mut self, control_error: Option<f32>) -> Result<(), Stop> {
         let Watch { stage, evaluation, evaluations, .. } = *self;
-        match self.observer.progress(Progress { stage, evaluation, evaluations }) {
+        match self.observer.progress(Progress { stage, evaluation, evaluations, control_error }) {
             Flow::Continue => Ok(()),
             Flow::Finish => Err(Stop::Finish),
             Flow::Abort => Err(Stop::Abort),

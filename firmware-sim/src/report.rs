@@ -1,0 +1,207 @@
+//! The figures of a run: as text, as markdown, and as one JSON object with stable names.
+
+use crate::session::{self, Outcome};
+use motionette::{Anchor, JOINTS, Target};
+use motionette_host::agreement::ClipAgreement;
+use motionette_host::metrics;
+use motionette_host::motion::Pose;
+use serde::Serialize;
+
+/// Figures of one run. Names are stable: `--json` prints this.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// Name of the motion.
+    pub clip: String,
+    /// What it shows.
+    pub caption: String,
+    /// Frames.
+    pub frames: usize,
+    /// Tokens.
+    pub tokens: usize,
+    /// Anchors.
+    pub anchors: usize,
+    /// Mean distance from the anchors without refinement, centimetres.
+    pub control_error_before_cm: f64,
+    /// And with it.
+    pub control_error_after_cm: f64,
+    /// Decoder evaluations of the refinement, line-search trials included.
+    pub decoder_evaluations: u16,
+    /// Decoder gradients of the refinement.
+    pub decoder_gradients: u16,
+    /// Mean jerk of all joints, m/s^3.
+    pub jerk: f64,
+    /// The same without refinement.
+    pub jerk_before: f64,
+    /// Share of frames in which a foot slides on the ground.
+    pub foot_skating: f64,
+    /// The same without refinement.
+    pub foot_skating_before: f64,
+    /// `||u - u0||_F`, the correction's size in embedding space.
+    pub du: f64,
+    /// Root-aligned distance from the f32 reference decoding the same `u`, mean, millimetres.
+    pub reference_mean_mm: f64,
+    /// Largest.
+    pub reference_max_mm: f64,
+    /// Distance of the roots in the last frame, millimetres.
+    pub root_drift_mm: f64,
+    /// Arena the plan asks for.
+    pub arena_bytes: usize,
+    /// Arena that was touched.
+    pub arena_high_water_bytes: usize,
+    /// All RAM the runtime owns: arena and generator.
+    pub ram_bytes: usize,
+    /// The blob.
+    pub blob_bytes: usize,
+    /// Multiply-accumulates at most.
+    pub macs: u64,
+    /// Milliseconds on this machine in the solver.
+    pub refining_ms: f64,
+    /// Milliseconds in the final decoding.
+    pub decoding_ms: f64,
+    /// Milliseconds in the reference.
+    pub reference_ms: f64,
+    /// Frames that the robot's loop showed.
+    pub frames_shown: usize,
+    /// Of these, more than a tick late.
+    pub frames_late: usize,
+    /// Hash over every bit of the token embeddings and joints.
+    pub motion_hash: String,
+}
+
+/// Distance of one anchor from a motion, centimetres.
+#[must_use]
+pub fn anchor_cm(motion: &[Pose], anchor: &Anchor) -> f64 {
+    100.0 * metrics::anchor_error(motion, anchor).unwrap_or(f64::NAN)
+}
+
+/// Joint, name and target coordinates of an anchor.
+#[must_use]
+pub fn describe(anchor: &Anchor) -> (usize, String, Vec<f32>) {
+    match anchor.target {
+        Target::Root(p) => (0, "root".into(), p.to_vec()),
+        Target::PlanarRoot(p) => (0, "root on the floor".into(), p.to_vec()),
+        Target::Joint { joint, position } => {
+            let joint = usize::from(joint).min(JOINTS - 1);
+            (joint, motionette::motion::skeleton::NAMES[joint].replace('_', " "), position.to_vec())
+        }
+    }
+}
+
+impl Report {
+    /// The lines a person reads.
+    #[must_use]
+    pub fn lines(&self) -> Vec<(String, String)> {
+        let line = |label: &str, value: String| (label.to_owned(), value);
+        let mut lines = vec![line(
+            "motion",
+            format!("{} tokens, {} frames, {:.2} s", self.tokens, self.frames, self.frames as f64 / 20.0),
+        )];
+        if self.anchors > 0 {
+            let (before, after) = (self.control_error_before_cm, self.control_error_after_cm);
+            lines.push(line(
+                "control error",
+                format!("{before:.2} cm before, {after:.2} cm after, {} anchors", self.anchors),
+            ));
+            let (evaluations, gradients) = (self.decoder_evaluations, self.decoder_gradients);
+            lines.push(line("refinement", format!("{evaluations} decoder evaluations, {gradients} gradients")));
+            lines.push(line("distance |u - u0|", format!("{:.2}", self.du)));
+        }
+        lines.push(line("jerk", format!("{:.0} m/s\u{b3} before, {:.0} after", self.jerk_before, self.jerk)));
+        let skating = (100.0 * self.foot_skating_before, 100.0 * self.foot_skating);
+        lines.push(line("foot skating", format!("{:.1} % of frames before, {:.1} % after", skating.0, skating.1)));
+        let (mean, max) = (self.reference_mean_mm, self.reference_max_mm);
+        lines.push(line("against the f32 reference", format!("mean {mean:.2} mm, largest {max:.2} mm, root-aligned")));
+        lines.push(line("root drift against it", format!("{:.2} mm at the end", self.root_drift_mm)));
+        let (arena, touched) = (self.arena_bytes, self.arena_high_water_bytes);
+        lines.push(line("arena", format!("{arena} bytes planned, {touched} touched")));
+        lines.push(line("RAM in all, blob", format!("{} bytes, {} bytes", self.ram_bytes, self.blob_bytes)));
+        lines.push(line("work", format!("at most {:.0} M multiply-accumulates", self.macs as f64 / 1e6)));
+        let times = (self.refining_ms, self.decoding_ms, self.reference_ms);
+        lines.push(line(
+            "time here",
+            format!("refining {:.0} ms, decoding {:.0} ms, reference {:.0} ms", times.0, times.1, times.2),
+        ));
+        lines.push(line("robot loop", format!("{} frames shown, {} late", self.frames_shown, self.frames_late)));
+        lines.push(line("motion hash", self.motion_hash.clone()));
+        lines
+    }
+
+    /// The summary file.
+    #[must_use]
+    pub fn markdown(&self, anchors: &[(String, f64, f64)]) -> String {
+        let mut text = format!("# {}\n\n{}\n\n| | |\n|---|---|\n", self.clip, self.caption);
+        for (label, value) in self.lines() {
+            text += &format!("| {label} | {value} |\n");
+        }
+        if !anchors.is_empty() {
+            text += "\n| anchor | before, cm | after, cm |\n|---|---|---|\n";
+            for (name, before, after) in anchors {
+                text += &format!("| {name} | {before:.2} | {after:.2} |\n");
+            }
+        }
+        text
+    }
+}
+
+/// What a report is made from.
+#[derive(Debug)]
+pub struct Parts<'p> {
+    /// Name of the motion.
+    pub clip: &'p str,
+    /// What it shows.
+    pub caption: &'p str,
+    /// Tokens, positions.
+    pub tokens: usize,
+    /// The anchors.
+    pub anchors: &'p [Anchor],
+    /// The run without refinement.
+    pub before: &'p Outcome,
+    /// The run.
+    pub after: &'p Outcome,
+    /// Agreement with the reference.
+    pub agreement: &'p ClipAgreement,
+    /// Milliseconds in the reference.
+    pub reference_ms: f64,
+    /// How the robot's loop went.
+    pub robot: crate::robot::Loop,
+    /// Length of the blob.
+    pub blob_bytes: usize,
+}
+
+impl From<&Parts<'_>> for Report {
+    fn from(parts: &Parts<'_>) -> Self {
+        let Parts { before, after, .. } = parts;
+        let milliseconds = |time: std::time::Duration| time.as_secs_f64() * 1e3;
+        let error = |motion: &[Pose]| 100.0 * metrics::control_error(motion, parts.anchors).unwrap_or(0.0);
+        Report {
+            clip: parts.clip.to_owned(),
+            caption: parts.caption.to_owned(),
+            frames: after.joints.len(),
+            tokens: parts.tokens,
+            anchors: parts.anchors.len(),
+            control_error_before_cm: error(&before.joints),
+            control_error_after_cm: error(&after.joints),
+            decoder_evaluations: after.refinement.map_or(0, |r| r.evaluations),
+            decoder_gradients: after.refinement.map_or(0, |r| r.gradients),
+            jerk: metrics::jerk(&after.joints, 20.0),
+            jerk_before: metrics::jerk(&before.joints, 20.0),
+            foot_skating: metrics::foot_skating(&after.joints, 0.0),
+            foot_skating_before: metrics::foot_skating(&before.joints, 0.0),
+            du: session::distance(&after.u, &before.u),
+            reference_mean_mm: parts.agreement.mean_mm,
+            reference_max_mm: parts.agreement.max_mm,
+            root_drift_mm: parts.agreement.end_drift_mm,
+            arena_bytes: after.plan.arena_bytes,
+            arena_high_water_bytes: after.high_water,
+            ram_bytes: session::ram_bytes(&after.plan),
+            blob_bytes: parts.blob_bytes,
+            macs: after.plan.macs,
+            refining_ms: milliseconds(after.refining),
+            decoding_ms: milliseconds(after.decoding),
+            reference_ms: parts.reference_ms,
+            frames_shown: parts.robot.frames,
+            frames_late: parts.robot.late,
+            motion_hash: format!("{:016x}", after.hash),
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! Where a request's tokens come from: the bundle, or the user's BVH file through the reference encoder.
+
+use crate::bundle::Bundle;
+use anyhow::Context;
+use motionette::Anchor;
+use motionette_host::checkpoint::TokenizerCheckpoint;
+use motionette_host::import::bvh;
+use motionette_host::motion::{Pose, features};
+use motionette_host::reference::Tokenizer;
+use motionette_host::verify::runtime_token;
+use std::path::Path;
+
+/// A motion to run.
+#[derive(Debug, Clone)]
+pub struct Source {
+    /// Its name.
+    pub name: String,
+    /// What it shows.
+    pub caption: String,
+    /// Motion tokens `[L][Q]`.
+    pub tokens: Vec<u16>,
+    /// Anchors that come with it.
+    pub anchors: Vec<Anchor>,
+    /// The recording itself, where there is one.
+    pub recorded: Option<Vec<Pose>>,
+    /// What the user should know about how it was read.
+    pub notes: Vec<String>,
+}
+
+/// A bundled clip.
+///
+/// # Errors
+/// When there is none of that name.
+pub fn bundled(id: Option<&str>) -> anyhow::Result<Source> {
+    let bundle = Bundle::built_in()?;
+    let clip = bundle.clip(id)?;
+    Ok(Source {
+        name: clip.id.clone(),
+        caption: clip.caption.clone(),
+        tokens: clip.tokens.clone(),
+        anchors: clip.anchors()?,
+        recorded: None,
+        notes: Vec::new(),
+    })
+}
+
+/// The user's recording, cut to the model's longest motion.
+///
+/// # Errors
+/// When it cannot be read, is no body, or is too short.
+pub fn recording(path: &Path, checkpoint: &TokenizerCheckpoint, max_tokens: usize) -> anyhow::Result<Source> {
+    let recording = bvh::load(path, None)?;
+    let processed = features::process(&recording.joints, &features::Options::default())
+        .with_context(|| format!("{}: no features can be extracted", path.display()))?;
+    let per_token = checkpoint.config.frames_per_token();
+    let frames = processed.joints.len().min(max_tokens * per_token) / per_token * per_token;
+    let mut notes =
+        vec![format!("read with the {} joint names, {} frames at 20 fps", recording.mapping, processed.joints.len())];
+    if processed.joints.len() > max_tokens * per_token {
+        notes.push(format!("cut to the model's longest motion, {frames} frames"));
+    }
+    let ids = Tokenizer::<f32>::new(checkpoint)
+        .encode(&processed.features[..frames.max(1) * features::FEATURES])
+        .with_context(|| {
+            format!("{}: the clip cannot be encoded (it needs at least {per_token} frames)", path.display())
+        })?;
+    let name = path.file_stem().map_or_else(|| "recording".into(), |stem| stem.to_string_lossy().into_owned());
+    Ok(Source {
+        caption: format!("recorded in {}", path.file_name().unwrap_or_default().to_string_lossy()),
+        name,
+        tokens: ids.into_iter().map(runtime_token).collect(),
+        anchors: Vec::new(),
+        recorded: Some(processed.joints[..frames].to_vec()),
+        notes,
+    })
+}

@@ -1,0 +1,112 @@
+//! The viewer: one HTML file with everything in it, made from the parts under `page/`.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use motionette_host::motion::Pose;
+use serde::Serialize;
+
+const PAGE: &str = include_str!("page/page.html");
+const STYLE: &str = include_str!("page/style.css");
+/// Scripts in the order in which they build on one another.
+const SCRIPTS: [&str; 6] = [
+    include_str!("page/scene.js"),
+    include_str!("page/camera.js"),
+    include_str!("page/body.js"),
+    include_str!("page/stage.js"),
+    include_str!("page/chart.js"),
+    include_str!("page/app.js"),
+];
+
+/// A motion to be shown.
+#[derive(Debug, Serialize)]
+pub struct Shown {
+    /// `before`, `after` or `reference`.
+    pub id: &'static str,
+    /// What it is called.
+    pub label: String,
+    /// Base64 of little-endian f32 `[T][22][3]`, metres.
+    pub positions: String,
+}
+
+impl Shown {
+    /// A motion under one of the three ids.
+    #[must_use]
+    pub fn new(id: &'static str, label: &str, motion: &[Pose]) -> Self {
+        let bytes: Vec<u8> = motion.iter().flatten().flatten().flat_map(|v| v.to_le_bytes()).collect();
+        Shown { id, label: label.to_owned(), positions: STANDARD.encode(bytes) }
+    }
+}
+
+/// An anchor to be shown.
+#[derive(Debug, Serialize)]
+pub struct ShownAnchor {
+    /// What is anchored.
+    pub name: String,
+    /// Joint index.
+    pub joint: usize,
+    /// Frame.
+    pub frame: u16,
+    /// Target, metres: `[x, y, z]`, or `[x, z]` on the floor.
+    pub target: Vec<f32>,
+    /// Distance without refinement, centimetres.
+    pub before_cm: f64,
+    /// Distance with it.
+    pub after_cm: f64,
+}
+
+/// A point of the control-error curve.
+#[derive(Debug, Serialize)]
+pub struct CurvePoint {
+    /// Decoder evaluations so far.
+    pub evaluations: usize,
+    /// Best mean control error so far, centimetres.
+    pub error_cm: f64,
+}
+
+/// A line of the figures.
+#[derive(Debug, Serialize)]
+pub struct Fact {
+    /// What.
+    pub label: String,
+    /// How much, with its unit.
+    pub value: String,
+}
+
+/// Everything the page shows.
+#[derive(Debug, Serialize)]
+pub struct Scene {
+    /// Name of the motion.
+    pub title: String,
+    /// What it shows.
+    pub caption: String,
+    /// Frames a second.
+    pub fps: u16,
+    /// Frames.
+    pub frames: usize,
+    /// Names of the joints.
+    pub joint_names: Vec<&'static str>,
+    /// Parent of each joint.
+    pub parents: Vec<u8>,
+    /// The motions.
+    pub motions: Vec<Shown>,
+    /// The anchors.
+    pub anchors: Vec<ShownAnchor>,
+    /// Control error over decoder evaluations.
+    pub curve: Vec<CurvePoint>,
+    /// Mean control error without refinement, centimetres.
+    pub error_before_cm: f64,
+    /// And with it.
+    pub error_after_cm: f64,
+    /// Figures of the run.
+    pub facts: Vec<Fact>,
+}
+
+/// The page for `scene`.
+///
+/// # Errors
+/// When the scene cannot be serialised (it always can).
+pub fn page(scene: &Scene) -> serde_json::Result<String> {
+    // In a script element only `<` could end the data early.
+    let data = serde_json::to_string(scene)?.replace('<', "\\u003c");
+    Ok(PAGE.replace("/*STYLE*/", STYLE).replace("/*SCRIPT*/", &SCRIPTS.join("\n")).replace("/*SCENE*/", &data))
+}

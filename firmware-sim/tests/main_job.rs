@@ -1,0 +1,175 @@
+//! The main job as a user runs it: results, figures, viewer, and what it says about bad input.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn simulate(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_motionette-sim"))
+        .args(arguments)
+        .env("CARGO_MANIFEST_DIR", env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("the simulator starts")
+}
+
+fn last_line(output: &Output) -> Value {
+    let text = String::from_utf8_lossy(&output.stdout);
+    let line = text.lines().last().unwrap_or_default();
+    serde_json::from_str(line).unwrap_or_else(|e| panic!("last line is no JSON ({e}): {line}\n{output:?}"))
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+fn path(folder: &tempfile::TempDir, name: &str) -> String {
+    folder.path().join(name).to_string_lossy().into_owned()
+}
+
+/// One run of the default job, in a folder that lives as long as the result.
+fn default_job() -> (tempfile::TempDir, Value) {
+    let out = folder();
+    let output = simulate(&["--json", "--out", &path(&out, "results")]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let figures = last_line(&output);
+    (out, figures)
+}
+
+#[test]
+fn the_default_job_bends_a_real_motion_and_agrees_with_the_reference() {
+    let (out, figures) = default_job();
+    let number = |name: &str| figures[name].as_f64().unwrap_or_else(|| panic!("{name} is missing in {figures}"));
+    for name in ["frames", "tokens", "jerk", "jerk_before", "foot_skating", "foot_skating_before", "root_drift_mm", "decoder_gradients"] {
+        assert!(number(name).is_finite(), "{name}");
+    }
+    assert!(number("control_error_before_cm") >= 10.0, "the anchors pull the motion away: {figures}");
+    assert!(number("control_error_after_cm") < 0.2 * number("control_error_before_cm"), "{figures}");
+    assert!((1.0..=20.0).contains(&number("decoder_evaluations")));
+    assert!(number("du") > 0.0 && number("anchors") >= 4.0);
+    assert!(number("reference_mean_mm") <= 1.0 && number("reference_max_mm") <= 30.0, "{figures}");
+    assert!(number("arena_high_water_bytes") <= number("arena_bytes"));
+    assert!(number("arena_high_water_bytes") + 16.0 > number("arena_bytes"), "{figures}");
+    assert!(number("ram_bytes") <= 320.0 * 1024.0, "{figures}");
+    assert_eq!(figures["motion_hash"].as_str().map(str::len), Some(16));
+    for name in ["viewer.html", "before.bvh", "motion.bvh", "summary.md", "summary.json"] {
+        let file = out.path().join("results").join(name);
+        assert!(file.metadata().is_ok_and(|m| m.len() > 200), "{name}");
+    }
+    let (_again, second) = default_job();
+    assert_eq!(second["motion_hash"], figures["motion_hash"], "the same request gives the same bits");
+}
+
+#[test]
+fn a_written_motion_can_be_read_back_as_a_recording() {
+    let (out, figures) = default_job();
+    let bvh = out.path().join("results/motion.bvh").to_string_lossy().into_owned();
+    let output = simulate(&["--json", "--bvh", &bvh, "--refinement", "off", "--out", &path(&out, "again")]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let again = last_line(&output);
+    assert_eq!(again["anchors"], 0);
+    let frames = |v: &Value| v["frames"].as_f64().unwrap_or_default();
+    assert!((frames(&again) - frames(&figures)).abs() <= 4.0, "{again}");
+}
+
+/// The page with a recorder of errors before its own scripts and a check after them.
+fn instrumented(page: &Path) -> PathBuf {
+    let text = std::fs::read_to_string(page).expect("viewer.html");
+    let recorder = "<head><script>window.problems = [];\
+        addEventListener('error', (e) => problems.push(String(e.message)));\
+        addEventListener('unhandledrejection', (e) => problems.push(String(e.reason)));\
+        console.error = (...a) => problems.push(a.join(' '));</script>";
+    let check = "<script>motionette.play(false); motionette.seek(0); motionette.play(true);\
+        setTimeout(() => { document.documentElement.dataset.check =\
+        JSON.stringify({ problems, state: motionette.state() }); }, 1500);</script></body>";
+    let text = text.replacen("<head>", recorder, 1).replacen("</body>", check, 1);
+    let copy = page.with_file_name("checked.html");
+    std::fs::write(&copy, text).expect("a copy of the page");
+    copy
+}
+
+#[test]
+fn the_viewer_plays_in_a_browser_without_errors() {
+    let browser = ["chromium", "chromium-browser", "google-chrome"]
+        .into_iter()
+        .find(|name| Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success()));
+    let Some(browser) = browser else {
+        panic!("the viewer test needs Chromium; install it with: apt-get install -y chromium");
+    };
+    let (out, figures) = default_job();
+    let page = out.path().join("results/viewer.html");
+    let text = std::fs::read_to_string(&page).expect("viewer.html");
+    assert!(!text.contains("http://") || text.matches("http://").count() == text.matches("http://www.w3.org").count());
+    assert!(!text.contains("https://"), "the page must not need a network");
+    let checked = instrumented(&page);
+    let output = Command::new(browser)
+        .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1280,800", "--virtual-time-budget=4000"])
+        .arg("--dump-dom")
+        .arg(format!("--user-data-dir={}", out.path().join("profile").display()))
+        .arg(format!("file://{}", checked.display()))
+        .output()
+        .expect("the browser starts");
+    let dom = String::from_utf8_lossy(&output.stdout);
+    let start = dom.find("data-check=\"").unwrap_or_else(|| panic!("the page's check did not run: {output:?}")) + 12;
+    let end = start + dom[start..].find('"').expect("the attribute ends");
+    let check: Value = serde_json::from_str(&dom[start..end].replace("&quot;", "\"")).expect("the check is JSON");
+    assert_eq!(check["problems"], Value::Array(Vec::new()), "{check}");
+    assert_eq!(check["state"]["frames"], figures["frames"], "{check}");
+    assert_eq!(check["state"]["playing"], true, "{check}");
+    assert!(check["state"]["frame"].as_f64().is_some_and(|f| f > 1.0), "the skeleton does not play: {check}");
+}
+
+#[test]
+fn bad_input_says_what_where_and_what_to_do_and_leaves_nothing_behind() {
+    let out = folder();
+    let results = path(&out, "results");
+    let write = |name: &str, text: &str| {
+        let file = out.path().join(name);
+        std::fs::write(&file, text).expect("a test file");
+        file.to_string_lossy().into_owned()
+    };
+    let unknown_joint = write("joint.json", r#"{"anchors":[{"time":1.0,"joint":"tail","position":[0,0,0]}]}"#);
+    let late = write("late.json", r#"{"anchors":[{"time":900.0,"root":[0,0,0]}]}"#);
+    let broken = write("broken.json", r#"{"anchors":["#);
+    let no_body = write("no_body.bvh", "HIERARCHY\nROOT x\n{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n}\nMOTION\nFrames: 1\nFrame Time: 0\n0 0 0\n");
+    let no_blob = write("no.blob", "hello, this is no blob at all, only text of some length");
+    let blocked = write("blocked", "a file where a folder should be");
+    let cases: &[(&[&str], &str)] = &[
+        (&["--clip", "nothing"], "there are"),
+        (&["--anchors", &unknown_joint], "right_wrist"),
+        (&["--anchors", &late], "frames"),
+        (&["--anchors", &broken], "line 1"),
+        (&["--anchors", "missing.json"], "missing.json"),
+        (&["--bvh", &no_body], "no_body.bvh"),
+        (&["--bvh", "missing.bvh"], "missing.bvh"),
+        (&["--blob", &no_blob], "no motionette blob"),
+        (&["--blob", "missing.blob"], "missing.blob"),
+        (&["--checkpoint", "missing.safetensors"], "missing.safetensors"),
+        (&["--refinement", "slow"], "known are"),
+    ];
+    for (arguments, expected) in cases {
+        let mut all = arguments.to_vec();
+        all.extend(["--out", &results]);
+        let output = simulate(&all);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success(), "{arguments:?} was accepted");
+        assert!(text.contains(expected), "{arguments:?}: {text}");
+        assert!(!text.contains("panicked"), "{arguments:?}: {text}");
+        assert!(!Path::new(&results).exists(), "{arguments:?} left something behind");
+    }
+    let output = simulate(&["--out", &blocked]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && text.contains("--out") && !text.contains("panicked"), "{text}");
+}
+
+#[test]
+fn an_anchor_out_of_reach_is_met_as_well_as_can_be_and_the_rest_is_reported() {
+    let out = folder();
+    let anchors = out.path().join("far.json");
+    std::fs::write(&anchors, r#"{"anchors":[{"frame":40,"root":[0,0.9,0.5]},{"frame":41,"root":[10,0.9,0.5]}]}"#).unwrap();
+    let output = simulate(&["--json", "--anchors", &anchors.to_string_lossy(), "--out", &path(&out, "results")]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let figures = last_line(&output);
+    let error = |name: &str| figures[name].as_f64().unwrap_or(f64::NAN);
+    assert!(error("control_error_after_cm") <= error("control_error_before_cm"), "{figures}");
+    assert!(error("control_error_after_cm") > 50.0, "ten metres in one frame cannot be met: {figures}");
+}
