@@ -148,7 +148,7 @@ mod tests {
             let x = noise(2 * time * 3, 99);
             let convolution = Convolution::new(&shape, &values, false, &device);
             let y = convolution.forward(Tensor::from_data(TensorData::new(x.clone(), [2, time, 3]), &device));
-            let y = y.into_data().to_vec::<f32>().unwrap();
+            let y = y.into_data().try_to_vec::<f32>().unwrap();
             let expected: Vec<f32> = x.chunks(time * 3).flat_map(|x| direct(&shape, &values, x, time)).collect();
             assert_eq!(y.len(), expected.len());
             for (a, b) in y.iter().zip(&expected) {
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn upsample_repeats_samples() {
         let x = Tensor::<3>::from_data(TensorData::new(vec![1.0f32, 2.0, 3.0, 4.0], [1, 2, 2]), &Device::flex());
-        let y = upsample(x).into_data().to_vec::<f32>().unwrap();
+        let y = upsample(x).into_data().try_to_vec::<f32>().unwrap();
         assert_eq!(y, [1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]);
     }
 }

@@ -21,13 +21,13 @@ use super::state::State;
 use super::training::{Step, Trainer};
 
 /// Trains a motion tokenizer on a dataset of `motionette import`, or measures one.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Dataset file.
     #[arg(long, value_name = "FILE")]
     pub data: PathBuf,
-    /// Where the checkpoint goes; state and curves go beside it.
-    #[arg(long, value_name = "FILE", default_value = "data/train/nano.safetensors")]
+    /// Where the checkpoint goes, with or without `.safetensors`; state and curves go beside it.
+    #[arg(short, long, value_name = "FILE", default_value = "data/train/nano.safetensors")]
     pub out: PathBuf,
     /// Configuration to begin with: nano or tiny.
     #[arg(long, default_value = "nano")]
@@ -77,6 +77,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if steps.is_none() && !minutes.is_some_and(|m| m.is_finite() && m > 0.0) {
         return Err(Error::NoEnd.into());
     }
+    let args = &Args { out: with_suffix(&args.out), ..args.clone() };
     let state_path = args.out.with_extension("state.safetensors");
     let state = first_state(args, &dataset, &state_path)?;
     let mut trainer = Trainer::new(state, &dataset)?;
@@ -100,6 +101,16 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         "reports": reports,
     });
     finish(args.json, &facts)
+}
+
+/// The path with `.safetensors` at its end.
+fn with_suffix(path: &Path) -> PathBuf {
+    if path.extension().is_some_and(|e| e == "safetensors") {
+        return path.to_path_buf();
+    }
+    let mut name = path.as_os_str().to_owned();
+    name.push(".safetensors");
+    name.into()
 }
 
 /// Validation and test split where the dataset has them.
@@ -334,5 +345,86 @@ impl Progress {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    fn args(folder: &Path) -> Args {
+        Args {
+            data: folder.join("data.mds"),
+            out: folder.join("out/tiny"),
+            preset: "tiny".into(),
+            set: vec!["quantize_from=1".into()],
+            seed: Some(5),
+            steps: Some(6),
+            minutes: None,
+            resume: false,
+            log_every: 2,
+            save_every: 1,
+            evaluate: None,
+            json: true,
+        }
+    }
+
+    #[test]
+    fn trains_resumes_and_evaluates() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path());
+        testing::dataset(12, 40).save(&args.data).unwrap();
+        run(&args).unwrap();
+        let out = folder.path().join("out/tiny.safetensors");
+        let whole = Checkpoint::load(&out).unwrap();
+        assert_eq!(whole.steps, 6);
+        let curves = std::fs::read(out.with_extension("curves.json")).unwrap();
+        let curves: super::super::curves::Curves = serde_json::from_slice(&curves).unwrap();
+        assert_eq!(curves.points.iter().map(|p| p.step).collect::<Vec<_>>(), [2, 4, 6]);
+        assert!(out.with_extension("curves.svg").is_file());
+        // A finished run that is resumed has nothing left to do.
+        args.resume = true;
+        run(&args).unwrap();
+        assert_eq!(Checkpoint::load(&out).unwrap(), whole);
+        run(&Args { evaluate: Some(out), ..args }).unwrap();
+    }
+
+    #[test]
+    fn a_run_limited_by_the_clock_ends() {
+        let folder = tempfile::tempdir().unwrap();
+        let args = Args { steps: None, minutes: Some(0.01), ..args(folder.path()) };
+        testing::dataset(12, 40).save(&args.data).unwrap();
+        run(&args).unwrap();
+        let state = State::load(&args.out.with_extension("state.safetensors")).unwrap();
+        let plan = state.plan.unwrap();
+        assert_eq!(state.step, plan.steps);
+        assert!(plan.fall_from < plan.steps);
+    }
+
+    #[test]
+    fn bad_input_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let good = || args(folder.path());
+        assert!(run(&good()).unwrap_err().is::<motionette_host::dataset::Error>(), "no dataset");
+        testing::dataset(12, 40).save(good().data).unwrap();
+        let refused = |args: Args, what: &str| {
+            let error = format!("{:#}", run(&args).unwrap_err());
+            assert!(error.contains(what), "{what}: {error}");
+        };
+        refused(Args { steps: None, ..good() }, "--minutes");
+        refused(Args { steps: None, minutes: Some(f64::NAN), ..good() }, "--minutes");
+        refused(Args { preset: "huge".into(), ..good() }, "huge");
+        refused(Args { set: vec!["window".into()], ..good() }, "FIELD=VALUE");
+        refused(Args { set: vec!["loss.charm=1".into()], ..good() }, "loss.charm");
+        refused(Args { set: vec!["window=\"x\"".into()], ..good() }, "does not fit");
+        refused(Args { set: vec!["window=6".into()], ..good() }, "multiple of 4");
+        refused(Args { resume: true, ..good() }, "resumed");
+        refused(Args { evaluate: Some(good().data), ..good() }, "offsets");
+        refused(Args { out: folder.path().join("data.mds/x.safetensors"), ..good() }, "cannot be stored");
+        run(&good()).unwrap();
+        refused(Args { resume: true, seed: Some(6), ..good() }, "configuration");
+        testing::dataset(11, 40).save(good().data).unwrap();
+        refused(Args { resume: true, ..good() }, "dataset");
     }
 }

@@ -196,3 +196,101 @@ fn residual(x: Tensor<3>, conv1: &Convolution, conv2: &Convolution, masks: Optio
     let inner = conv1.forward(masked(relu(x.clone()), masks, rate));
     x + conv2.forward(relu(inner))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn architecture() -> Architecture {
+        Architecture { width: 6, encoder_width: 5, code_dim: 3, codes: 4, dilations: vec![3, 1] }
+    }
+
+    fn noise(n: usize, stream: u64) -> Vec<f32> {
+        let mut random = Random::new(17, stream);
+        (0..n).map(|_| random.symmetric() as f32).collect()
+    }
+
+    /// Parameters with biases that are not zero, so that padding would show.
+    fn parameters() -> Vec<f32> {
+        let mut values = initial_parameters(&shapes(&architecture()), 3);
+        for (value, bias) in values.iter_mut().zip(noise(1 << 20, 4)) {
+            *value += 0.1 * bias;
+        }
+        values
+    }
+
+    fn tensor(values: Vec<f32>, shape: [usize; 3], device: &Device) -> Tensor<3> {
+        Tensor::from_data(TensorData::new(values, shape), device)
+    }
+
+    fn values(tensor: Tensor<3>) -> Vec<f32> {
+        tensor.into_data().try_into_vec().unwrap()
+    }
+
+    #[test]
+    fn a_padded_crop_is_coded_as_if_it_were_alone() {
+        let device = Device::flex();
+        let network = Network::new(&architecture(), &parameters(), false, &device);
+        let (window, lengths) = (24, [24, 8, 16]);
+        let mut features = vec![0.0; lengths.len() * window * FEATURES];
+        for (b, length) in lengths.iter().enumerate() {
+            let valid = length * FEATURES;
+            features[b * window * FEATURES..][..valid].copy_from_slice(&noise(valid, b as u64));
+        }
+        let masks = Masks::new(&lengths, window, &device).expect("two crops are padded");
+        let latents = network.encode(tensor(features, [3, window, FEATURES], &device), Some(&masks));
+        let latents = values(latents);
+        let mut u = vec![0.0; latents.len()];
+        let tokens = window / 4;
+        for (b, length) in lengths.iter().enumerate() {
+            let row = b * tokens * 3;
+            u[row..][..length / 4 * 3].copy_from_slice(&latents[row..][..length / 4 * 3]);
+        }
+        let decoded = values(network.decode(tensor(u, [3, tokens, 3], &device), Some(&masks)));
+        for (b, length) in lengths.iter().enumerate() {
+            let alone = tensor(noise(length * FEATURES, b as u64), [1, *length, FEATURES], &device);
+            let alone = network.encode(alone, None);
+            let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-5);
+            let z = values(alone.clone());
+            assert!(close(&latents[b * tokens * 3..][..z.len()], &z), "latents of crop {b}");
+            let y = values(network.decode(alone, None));
+            assert!(close(&decoded[b * window * FEATURES..][..y.len()], &y), "output of crop {b}");
+        }
+    }
+
+    /// Order and values of the flat gradient: every convolution's weights and biases against differences.
+    #[test]
+    fn gradients_agree_with_differences() {
+        let a = architecture();
+        let start = parameters();
+        let frames = 12;
+        let features = noise(frames * FEATURES, 6);
+        let weights = noise(frames * FEATURES, 7);
+        let run = |values: &[f32], device: &Device| {
+            let network = Network::new(&a, values, true, device);
+            let x = tensor(features.clone(), [1, frames, FEATURES], device);
+            let y = network.decode(network.encode(x, None), None);
+            (network, (y * tensor(weights.clone(), [1, frames, FEATURES], device)).sum())
+        };
+        let tracked = Device::flex().autodiff();
+        let (network, objective) = run(&start, &tracked);
+        let mut gradient = vec![0.0; start.len()];
+        network.collect_gradients(&objective.backward(), &mut gradient);
+        let value = |values: &[f32]| f64::from(run(values, &tracked).1.into_scalar::<f32>());
+        let mut offset = 0;
+        for shape in shapes(&a) {
+            for index in [offset, offset + shape.weights() / 2, offset + shape.parameters() - 1] {
+                let h = 1e-3;
+                let mut moved = start.clone();
+                moved[index] = start[index] + h;
+                let above = value(&moved);
+                moved[index] = start[index] - h;
+                let slope = (above - value(&moved)) / f64::from(2.0 * h);
+                let error = (slope - f64::from(gradient[index])).abs();
+                assert!(error < 0.05 + 0.03 * slope.abs(), "{} {index}: {slope} {}", shape.name, gradient[index]);
+            }
+            offset += shape.parameters();
+        }
+        assert_eq!(offset, start.len());
+    }
+}
