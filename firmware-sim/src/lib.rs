@@ -1,1 +1,21 @@
-//! Support code of the cross-crate tests.
+//! A virtual robot on the desktop that runs the embedded runtime and checks it against the reference.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`demo`] | the main job: a request through runtime, robot loop and reference, results in a folder |
+//! | [`bundle`] | the token sequences of real test motions that come with the simulator, and how they are made |
+//! | [`source`] | where a request's tokens come from: the bundle or the user's BVH file |
+//! | [`session`] | one request through the runtime, watched: timings, memory, control-error curve |
+//! | [`robot`] | the virtual robot: a clock, and a loop that consumes motion frames by their deadlines |
+//! | [`report`] | the figures of a run, as text, markdown and JSON |
+//! | [`viewer`] | the self-contained HTML page |
+//! | [`twin`] | the requests that desktop and emulated Cortex-M run alike |
+
+pub mod bundle;
+pub mod demo;
+pub mod report;
+pub mod robot;
+pub mod session;
+pub mod source;
+pub mod twin;
+pub mod viewer;

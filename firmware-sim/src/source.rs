@@ -5,7 +5,7 @@ use anyhow::Context;
 use motionette::Anchor;
 use motionette_host::checkpoint::TokenizerCheckpoint;
 use motionette_host::import::bvh;
-use motionette_host::motion::{Pose, features};
+use motionette_host::motion::{FEATURES, Pose, features};
 use motionette_host::reference::Tokenizer;
 use motionette_host::verify::runtime_token;
 use std::path::Path;
@@ -60,7 +60,7 @@ pub fn recording(path: &Path, checkpoint: &TokenizerCheckpoint, max_tokens: usiz
         notes.push(format!("cut to the model's longest motion, {frames} frames"));
     }
     let ids = Tokenizer::<f32>::new(checkpoint)
-        .encode(&processed.features[..frames.max(1) * features::FEATURES])
+        .encode(&processed.features[..frames.max(1) * FEATURES])
         .with_context(|| {
             format!("{}: the clip cannot be encoded (it needs at least {per_token} frames)", path.display())
         })?;

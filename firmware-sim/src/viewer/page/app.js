@@ -208,7 +208,10 @@ $("theme").addEventListener("click", () => setTheme(document.documentElement.dat
 setTheme(matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
 new ResizeObserver(() => { dirty = true; }).observe(canvas);
 frameView();
-setPlaying(!matchMedia("(prefers-reduced-motion: reduce)").matches);
+// viewer.html#frame=60 opens still, at that frame.
+const wanted = /frame=(\d+)/.exec(location.hash);
+if (wanted) seek(+wanted[1]);
+setPlaying(!wanted && !matchMedia("(prefers-reduced-motion: reduce)").matches);
 requestAnimationFrame(tick);
 // For automated checks of this page.
 window.motionette = { state: () => ({ frame: player.frame, frames: FRAMES, playing: player.playing, layers: { ...show }, camera: { yaw: camera.yaw, pitch: camera.pitch, distance: camera.distance } }), seek, play: setPlaying };

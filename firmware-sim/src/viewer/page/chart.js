@@ -32,7 +32,7 @@ function drawChart(host, curve) {
     element(svg, "line", { class: "grid", x1: left, x2: W - right, y1: y(10 ** d), y2: y(10 ** d) });
     element(svg, "text", { x: left - 7, y: y(10 ** d) + 4, "text-anchor": "end" }, String(+(10 ** d).toPrecision(1)));
   }
-  element(svg, "text", { x: 2, y: top - 1, "text-anchor": "start" }, "cm");
+  element(svg, "text", { x: left - 7, y: y(10 ** hi) + 16, "text-anchor": "end" }, "cm");
   const step = Math.max(1, Math.ceil(last / 5 / 5) * 5);
   for (let n = 0; n <= last; n += step) element(svg, "text", { x: x(n), y: H - bottom + 16, "text-anchor": "middle" }, String(n));
   element(svg, "text", { x: (left + W - right) / 2, y: H - 3, "text-anchor": "middle" }, "decoder evaluations");

@@ -1,0 +1,219 @@
+//! Digital twin: seeded requests that every machine makes from the same numbers, and the hashes that must be equal.
+//!
+//! The bare-metal image includes this very file, so it uses nothing but `core` and the runtime, and no memory of its own
+//! beyond a few hundred bytes of stack.
+//!
+//! A request decodes a token sequence (drawn at random or cut from a recorded motion), reads joint positions from the
+//! result, moves them by a seeded offset, and asks for a motion that passes through them. All families of anchors, both
+//! solvers and their ablations, lengths from one token to the model's limit take part.
+
+use motionette::hash::{Fnv, Stream};
+use motionette::refining::{Activity, Basis, Config};
+use motionette::{Anchor, Error, Generator, JOINTS, Request};
+
+/// Requests of a run.
+pub const REQUESTS: usize = 24;
+/// Token numbers a request may have (positions times quantizers).
+pub const MAX_NUMBERS: usize = 49;
+/// Anchors a request may have.
+pub const MAX_ANCHORS: usize = 12;
+
+/// Joints that robots want to steer: wrists, head, feet.
+const HANDLES: [u8; 5] = [20, 21, 15, 10, 11];
+/// Largest offset of an anchor from the motion, metres.
+const REACH: f32 = 0.3;
+
+/// What a request is made of, before its anchors are placed.
+#[derive(Debug, Clone, Copy)]
+struct Shape {
+    /// Positions; cut to what the model allows.
+    positions: u16,
+    anchors: Anchors,
+    refinement: Config,
+}
+
+/// How many anchors, and on what.
+#[derive(Debug, Clone, Copy)]
+enum Anchors {
+    None,
+    Root(u8),
+    PlanarRoot(u8),
+    Joint(u8),
+    /// Root-3D, Planar-root and Body-point in turn, two joints at each frame.
+    Mixed(u8),
+    /// The standard request of DESIGN section 6: two for the root, one for each wrist.
+    Standard,
+}
+
+/// The requests. Decoder evaluations are few but in the last, so that an emulated core is done within a minute.
+fn shape(index: usize) -> Shape {
+    use Anchors::{Joint, Mixed, None, PlanarRoot, Root, Standard};
+    let fast = Config::fast;
+    let published = |evaluations, basis, activity| Config { basis, activity, ..Config::published(evaluations) };
+    let (positions, anchors, refinement) = match index {
+        0 => (1, None, fast(0)),
+        1 => (1, Root(1), fast(4)),
+        2 => (2, PlanarRoot(2), fast(4)),
+        3 => (3, Joint(2), fast(6)),
+        4 => (49, None, fast(0)),
+        5 => (12, Root(2), fast(6)),
+        6 => (13, PlanarRoot(3), fast(6)),
+        7 => (14, Joint(3), fast(6)),
+        8 => (17, Mixed(4), fast(6)),
+        9 => (9, Mixed(12), fast(5)),
+        10 => (10, Root(3), published(4, Basis::Affine, Activity::Residual)),
+        11 => (11, PlanarRoot(2), published(3, Basis::Plain, Activity::Residual)),
+        12 => (12, Joint(4), published(3, Basis::Transport, Activity::Uniform)),
+        13 => (13, Mixed(5), published(3, Basis::Slope, Activity::Shuffled)),
+        14 => (16, Root(5), published(3, Basis::Quadratic, Activity::Residual)),
+        15 => (21, Joint(3), published(3, Basis::Cubic, Activity::Residual)),
+        16 => (7, Joint(1), Config { feasibility: 1.0, ..fast(5) }),
+        17 => (25, Mixed(8), fast(4)),
+        18 => (31, Root(4), fast(3)),
+        19 => (36, Joint(6), fast(3)),
+        20 => (44, PlanarRoot(4), fast(3)),
+        21 => (48, Mixed(7), fast(3)),
+        22 => (5, Mixed(2), fast(20)),
+        _ => (49, Standard, Config::default()),
+    };
+    Shape { positions, anchors, refinement }
+}
+
+/// What one request gave, on any machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Digest {
+    /// Tokens in the request, positions times quantizers.
+    pub numbers: usize,
+    /// Anchors in the request.
+    pub anchors: usize,
+    /// Decoder evaluations of its refinement.
+    pub evaluations: u16,
+    /// Decoder gradients of its refinement.
+    pub gradients: u16,
+    /// Bits of the mean control error before the refinement, metres.
+    pub before: u32,
+    /// Bits of the mean control error after it.
+    pub after: u32,
+    /// Arena bytes taken.
+    pub arena_used: usize,
+    /// FNV-1a over the tokens.
+    pub tokens: u64,
+    /// FNV-1a over every bit of the token embeddings.
+    pub u: u64,
+    /// FNV-1a over every bit of the joints.
+    pub joints: u64,
+}
+
+/// One hash over the hashes of all requests.
+#[must_use]
+pub fn combine(digests: &[Digest]) -> u64 {
+    let add = |hash: Fnv, value: u64| hash.bytes(&value.to_le_bytes());
+    digests.iter().fold(Fnv::default(), |hash, d| add(add(add(hash, d.tokens), d.u), d.joints)).value()
+}
+
+/// Makes and runs request `index` of [`REQUESTS`]. `recorded` are token sequences of recorded motions; every second
+/// request takes its tokens from there when there are any that fit the model.
+///
+/// # Errors
+/// Whatever the runtime refuses; none of these requests should be.
+pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> Result<Digest, Error> {
+    let shape = shape(index);
+    let mut random = Stream::new(index as u64);
+    let mut tokens = [0u16; MAX_NUMBERS];
+    let tokens = draw_tokens(generator, &mut random, shape.positions, recorded_for(index, recorded), &mut tokens);
+
+    let mut anchors = [Anchor::root(0, [0.0; 3]); MAX_ANCHORS];
+    let motion = generator.generate(&Request::tokens(tokens), &mut ())?;
+    let count = place_anchors(motion.frames(), &mut random, shape.anchors, &mut anchors);
+    let anchors = anchors.get(..count).unwrap_or(&[]);
+
+    let request = Request::tokens(tokens);
+    let request = if anchors.is_empty() { request } else { request.through(anchors).refined(shape.refinement) };
+    let motion = generator.generate(&request, &mut ())?;
+    let report = motion.refinement;
+    let bits = |error: Option<motionette::refining::ControlError>| error.map_or(0, |e| e.mean.to_bits());
+    Ok(Digest {
+        numbers: tokens.len(),
+        anchors: anchors.len(),
+        evaluations: report.map_or(0, |r| r.evaluations),
+        gradients: report.map_or(0, |r| r.gradients),
+        before: report.map_or(0, |r| bits(r.before)),
+        after: report.map_or(0, |r| bits(r.after)),
+        arena_used: motion.arena_used,
+        tokens: tokens.iter().fold(Fnv::default(), |hash, token| hash.bytes(&token.to_le_bytes())).value(),
+        u: Fnv::default().singles(motion.u()).value(),
+        joints: Fnv::default().singles(motion.joints()).value(),
+    })
+}
+
+/// The recorded sequence for request `index`, if it takes one.
+fn recorded_for<'r>(index: usize, recorded: &[&'r [u16]]) -> Option<&'r [u16]> {
+    if index.is_multiple_of(2) { None } else { recorded.get((index / 2) % recorded.len().max(1)).copied() }
+}
+
+/// Fills `tokens` with as many numbers as the model allows: from `recorded`, repeated when it is shorter, or at random.
+fn draw_tokens<'t>(
+    generator: &Generator<'_>,
+    random: &mut Stream,
+    positions: u16,
+    recorded: Option<&[u16]>,
+    tokens: &'t mut [u16],
+) -> &'t [u16] {
+    let model = generator.model();
+    let (codes, quantizers) = (model.codebooks().codes(), model.codebooks().quantizers().max(1));
+    let longest =
+        [usize::from(positions), model.max_tokens(), tokens.len() / quantizers].into_iter().min().unwrap_or(0);
+    let tokens = tokens.get_mut(..longest * quantizers).unwrap_or(&mut []);
+    let fits = recorded.filter(|list| !list.is_empty() && list.iter().all(|&token| usize::from(token) < codes));
+    match fits {
+        Some(list) => tokens.iter_mut().zip(list.iter().cycle()).for_each(|(to, from)| *to = *from),
+        None => tokens.iter_mut().for_each(|token| *token = random.below(codes as u32) as u16),
+    }
+    tokens
+}
+
+/// Places anchors beside the motion `frames [T][22][3]`; returns how many.
+fn place_anchors(frames: &[[[f32; 3]; JOINTS]], random: &mut Stream, wanted: Anchors, anchors: &mut [Anchor]) -> usize {
+    let count = match wanted {
+        Anchors::None => 0,
+        Anchors::Standard => 4,
+        Anchors::Root(n) | Anchors::PlanarRoot(n) | Anchors::Joint(n) | Anchors::Mixed(n) => usize::from(n),
+    };
+    let mut placed = 0;
+    for (i, anchor) in anchors.iter_mut().take(count).enumerate() {
+        // Later anchors stand at later frames; a mixture puts two joints at one frame.
+        let (step, steps) = if matches!(wanted, Anchors::Mixed(_)) { (i / 2, count.div_ceil(2)) } else { (i, count) };
+        let Some(frame) = ((step + 1) * frames.len() / steps).checked_sub(1) else { break };
+        let handle = HANDLES.get((i + random.below(2) as usize) % HANDLES.len()).copied().unwrap_or(0);
+        let (kind, joint) = match wanted {
+            Anchors::None | Anchors::Root(_) => (0, 0),
+            Anchors::PlanarRoot(_) => (1, 0),
+            Anchors::Joint(_) => (2, handle),
+            // The first of two anchors at a frame is the root's.
+            Anchors::Mixed(_) => {
+                if i.is_multiple_of(2) {
+                    (step % 2, 0)
+                } else {
+                    (2, handle)
+                }
+            }
+            Anchors::Standard => {
+                if i.is_multiple_of(2) {
+                    (0, 0)
+                } else {
+                    (2, 20 + (i / 2) as u8)
+                }
+            }
+        };
+        let Some(&[x, y, z]) = frames.get(frame).and_then(|pose| pose.get(usize::from(joint))) else { break };
+        let mut offset = || REACH * (2.0 * random.unit() - 1.0);
+        let (x, y, z) = (x + offset(), y + offset() * 0.5, z + offset());
+        *anchor = match kind {
+            0 => Anchor::root(frame as u16, [x, y, z]),
+            1 => Anchor::planar_root(frame as u16, [x, z]),
+            _ => Anchor::joint(frame as u16, joint, [x, y, z]),
+        };
+        placed += 1;
+    }
+    placed
+}
