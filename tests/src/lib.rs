@@ -1,5 +1,6 @@
 //! Support code of the cross-crate tests: small random models, and an oracle that shares nothing with the runtime.
 
+pub mod fuzz;
 pub mod naive;
 pub mod tiny;
 

@@ -10,6 +10,9 @@ use crate::{
     toolchain::{THUMB_V7, THUMB_V8, Toolchain},
 };
 
+/// The model that the images embed by default.
+const BUNDLED_BLOB: &str = "models/nano.blob";
+
 /// Options of `cargo xtask twin`.
 #[derive(Args, Default)]
 pub struct Options {
@@ -19,6 +22,9 @@ pub struct Options {
     /// Also run the Cortex-M33 image (QEMU mps2-an505).
     #[arg(long)]
     pub m33: bool,
+    /// Print what the images log.
+    #[arg(long)]
+    pub log: bool,
     /// Print one machine-readable object as the last line.
     #[arg(long)]
     pub json: bool,
@@ -39,11 +45,8 @@ pub fn run(options: &Options) -> Result<()> {
         let images = firmware::build(toolchain, THUMB_V8, options.blob.as_deref())?;
         compare.arg("--m33-image").arg(&images.twin);
     }
-    if let Some(blob) = &options.blob {
-        compare.arg("--blob").arg(std::path::absolute(blob)?);
-    }
-    if options.json {
-        compare.arg("--json");
-    }
+    let blob = options.blob.clone().unwrap_or_else(|| shell::root().join(BUNDLED_BLOB));
+    compare.arg("--blob").arg(std::path::absolute(blob)?);
+    compare.args(options.log.then_some("--log")).args(options.json.then_some("--json"));
     shell::run(&mut compare)
 }

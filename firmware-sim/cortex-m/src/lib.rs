@@ -1,0 +1,8 @@
+//! Parts shared by the bare-metal images.
+#![no_std]
+
+pub mod stack;
+
+#[cfg(feature = "twin")]
+#[path = "../../src/twin.rs"]
+pub mod twin;

@@ -1,0 +1,200 @@
+//! Runs the seeded requests on the desktop and the bare-metal images in QEMU, decodes their defmt output, and compares every
+//! bit. Started by `cargo xtask twin`, which builds the images first.
+
+mod image;
+mod log;
+mod qemu;
+mod report;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Result, bail};
+use clap::Parser;
+use motionette::Generator;
+use motionette_host::blob_file::BlobFile;
+use motionette_sim::{
+    bundle::Bundle,
+    twin::{self, Digest},
+};
+use qemu::{M4, M7, M33, Machine};
+use report::Report;
+use serde_json::json;
+
+/// Compares the desktop with emulated Cortex-M cores, bit for bit.
+#[derive(Parser)]
+struct Options {
+    /// Twin image for the Cortex-M4F and M7.
+    #[arg(long, value_name = "ELF")]
+    image: PathBuf,
+    /// Check image for the Cortex-M4F: code size, panic sites.
+    #[arg(long, value_name = "ELF")]
+    check: PathBuf,
+    /// Twin image for the Cortex-M33.
+    #[arg(long, value_name = "ELF")]
+    m33_image: Option<PathBuf>,
+    /// Model that the images embed.
+    #[arg(long, value_name = "FILE")]
+    blob: PathBuf,
+    /// Print what the images log.
+    #[arg(long)]
+    log: bool,
+    /// Print one machine-readable object as the last line.
+    #[arg(long)]
+    json: bool,
+    /// Longest time a machine may take, seconds.
+    #[arg(long, default_value_t = 900)]
+    limit: u64,
+}
+
+/// Arena of the desktop run; the images report what they took of theirs.
+const ARENA_BYTES: usize = 4 << 20;
+
+fn main() -> ExitCode {
+    match run(&Options::parse()) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(options: &Options) -> Result<bool> {
+    let limit = Duration::from_secs(options.limit);
+    let mut jobs = vec![(M4, options.image.as_path()), (M7, options.image.as_path())];
+    jobs.extend(options.m33_image.as_deref().map(|image| (M33, image)));
+    // Emulation is single-threaded: the machines run side by side.
+    let (desktop, machines) = thread::scope(|scope| {
+        let running: Vec<_> = jobs
+            .iter()
+            .map(|&(machine, image)| scope.spawn(move || on_machine(machine, image, limit, options.log)))
+            .collect();
+        let desktop = on_desktop(&options.blob);
+        let machines: Vec<Result<Report>> =
+            running.into_iter().map(|job| job.join().unwrap_or_else(|_| bail!("the runner panicked"))).collect();
+        (desktop, machines)
+    });
+    let desktop = desktop?;
+    let machines: Vec<(Machine, Report)> =
+        jobs.iter().zip(machines).map(|(&(machine, _), report)| Ok((machine, report?))).collect::<Result<_>>()?;
+    let mut equal = true;
+    for (index, digest) in desktop.iter().enumerate() {
+        let mut verdict = String::from("equal");
+        for (machine, report) in &machines {
+            if let Some(what) = report.digests.get(index).and_then(|other| report::difference(digest, other)) {
+                verdict = format!("{} DIFFERS in its {what}", machine.title);
+                equal = false;
+            }
+        }
+        println!("{}", row(index, digest, &verdict));
+    }
+    summary(options, &desktop, &machines, equal)?;
+    Ok(equal)
+}
+
+/// Runs every request here.
+fn on_desktop(blob: &Path) -> Result<Vec<Digest>> {
+    let file = BlobFile::open(blob)?;
+    let mut arena = vec![0; ARENA_BYTES];
+    let mut generator = Generator::new(file.model()?, &mut arena)?;
+    if generator.self_test()? == Some(false) {
+        bail!("{}: the self-test failed on this machine", blob.display());
+    }
+    let bundle = Bundle::built_in()?;
+    let recorded: Vec<&[u16]> = bundle.clips.iter().map(|clip| clip.tokens.as_slice()).collect();
+    let start = Instant::now();
+    let digests = (0..twin::REQUESTS)
+        .map(|index| twin::run(&mut generator, index, &recorded).with_context(|| format!("request {index}")))
+        .collect::<Result<_>>()?;
+    eprintln!("desktop: {} requests in {:.1} s", twin::REQUESTS, start.elapsed().as_secs_f64());
+    Ok(digests)
+}
+
+/// Runs an image and reads its report.
+fn on_machine(machine: Machine, image: &Path, limit: Duration, show: bool) -> Result<Report> {
+    let elf = fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
+    let run = qemu::run(machine, image, limit)?;
+    let lines = log::decode(&elf, &run.output).with_context(|| machine.title)?;
+    if show {
+        lines.iter().for_each(|line| println!("{}: {line}", machine.name));
+    }
+    if run.status != 0 {
+        let last = lines.last().map_or("nothing was logged", String::as_str);
+        bail!("{}: the image exited with {}: {last}", machine.title, run.status);
+    }
+    eprintln!("{}: {} requests in {:.1} s", machine.title, twin::REQUESTS, run.elapsed.as_secs_f64());
+    Report::read(&lines).with_context(|| machine.title)
+}
+
+fn row(index: usize, digest: &Digest, verdict: &str) -> String {
+    let centimetres = |bits: u32| 100.0 * f32::from_bits(bits);
+    let Digest { numbers, anchors, evaluations, before, after, joints, .. } = digest;
+    format!(
+        "request {index:>2}: {numbers:>2} tokens, {anchors:>2} anchors, {evaluations:>2} evaluations, {:>6.2} -> {:>6.2} cm, {joints:016x}, {verdict}",
+        centimetres(*before),
+        centimetres(*after),
+    )
+}
+
+fn summary(options: &Options, desktop: &[Digest], machines: &[(Machine, Report)], equal: bool) -> Result<()> {
+    let image = fs::read(&options.image)?;
+    let check = fs::read(&options.check)?;
+    let text_bytes = image::text_bytes(&image)?;
+    let runtime_text_bytes = image::text_bytes(&check)?;
+    let sites = image::panic_sites(&check)?;
+    let (fused, chained) = image::multiply_adds(&image)?;
+    let largest = |value: fn(&Report) -> usize| machines.iter().map(|(_, report)| value(report)).max().unwrap_or(0);
+    let stack_bytes = largest(|report| report.stack_bytes);
+    let high_water = largest(|report| report.arena_high_water_bytes);
+    let generator_bytes = largest(|report| report.generator_bytes);
+    let used = desktop.iter().map(|digest| digest.arena_used).max().unwrap_or(0);
+
+    println!("stack {stack_bytes} bytes (painted), generator {generator_bytes} bytes");
+    println!("arena {high_water} bytes (painted), {used} taken by the largest request");
+    println!(
+        "code {text_bytes} bytes in the twin image, {runtime_text_bytes} of the runtime alone (.text + .rodata, no model)"
+    );
+    println!("multiply-adds: {fused} fused, {chained} chained (those round twice, as written)");
+    println!("panic sites: {}", sites.len());
+    for site in &sites {
+        println!("  {} calls {}", site.caller, site.callee);
+    }
+    let hash = |digests: &[Digest]| format!("{:016x}", twin::combine(digests));
+    println!("desktop {}", hash(desktop));
+    for (machine, report) in machines {
+        println!("{:<7} {}", machine.name, hash(&report.digests));
+    }
+    println!("{}", if equal { "every bit is equal" } else { "the machines DIFFER" });
+    if options.json {
+        let mut object = json!({
+            "requests": desktop.len(),
+            "desktop": hash(desktop),
+            "equal": equal,
+            "stack_bytes": stack_bytes,
+            "text_bytes": text_bytes,
+            "runtime_text_bytes": runtime_text_bytes,
+            "panic_sites": sites.len(),
+            "generator_bytes": generator_bytes,
+            "arena_high_water_bytes": high_water,
+            "fused_multiply_adds": fused,
+        });
+        for (machine, report) in machines {
+            object[machine.name] = hash(&report.digests).into();
+        }
+        println!("{object}");
+    }
+    if high_water != used {
+        bail!("the painted arena shows {high_water} bytes, the largest request says it took {used}");
+    }
+    if fused > 0 {
+        bail!("the image holds {fused} fused multiply-adds: they round once and give other bits than the desktop");
+    }
+    Ok(())
+}

@@ -1,0 +1,95 @@
+//! A seeded, structure-aware fuzzer for what reaches the runtime from outside: blobs, tokens, anchors, solver settings.
+//!
+//! Every case is made from `(seed, case number)` alone, so a failure is repeated by those two numbers. A case fails when
+//! the runtime panics, returns a number that is not finite, takes another amount of memory than it planned, or leaves a
+//! generator behind that no longer gives the right motion.
+
+pub mod blobs;
+pub mod requests;
+
+use std::panic::{self, AssertUnwindSafe};
+
+use motionette::hash::Stream;
+
+use crate::tiny::{Shape, Tiny};
+
+/// Largest blob of the corpus, bytes.
+pub const MAX_BLOB: usize = 8 * 1024;
+
+/// Small models of different shapes, each under [`MAX_BLOB`] bytes, with a name.
+#[must_use]
+pub fn corpus() -> Vec<(&'static str, Tiny)> {
+    let base = Shape { width: 2, code_width: 2, codes: 5, dilations: vec![1], wide: 0, ..Shape::default() };
+    let shapes = [
+        ("narrow", base.clone()),
+        ("wide-rows", Shape { wide: 4, ..base.clone() }),
+        ("all-wide", Shape { width: 1, wide: 263, ..base.clone() }),
+        ("residual-quantizers", Shape { quantizers: 3, codes: 3, ..base.clone() }),
+        ("published-dilations", Shape { dilations: vec![9, 3, 1], ..base.clone() }),
+        ("one-stage", Shape { stages: 1, code_width: 5, ..base.clone() }),
+        ("three-stages", Shape { stages: 3, max_tokens: 24, ..base.clone() }),
+        ("one-token", Shape { max_tokens: 1, codes: 1, ..base }),
+    ];
+    shapes.into_iter().enumerate().map(|(seed, (name, shape))| (name, Tiny::new(shape, seed as u64))).collect()
+}
+
+/// What a run of the fuzzer saw.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct Tally {
+    /// Cases.
+    pub cases: u64,
+    /// Mutated blobs that were refused.
+    pub blobs_refused: u64,
+    /// Mutated blobs that opened.
+    pub blobs_opened: u64,
+    /// Requests that were refused.
+    pub requests_refused: u64,
+    /// Requests that gave a motion.
+    pub motions: u64,
+}
+
+/// One failed case.
+#[derive(Debug)]
+pub struct Failure {
+    /// Number of the case.
+    pub case: u64,
+    /// What went wrong.
+    pub what: String,
+}
+
+/// Runs cases `first..first + cases` of `seed`, until the first failure.
+///
+/// # Errors
+/// [`Failure`].
+pub fn run(seed: u64, first: u64, cases: u64, mut progress: impl FnMut(u64)) -> Result<Tally, Failure> {
+    let corpus = corpus();
+    let mut tally = Tally::default();
+    // A panic is reported as a failure of its case; the default hook would print it a second time.
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(|_| {}));
+    let outcome = (first..first.saturating_add(cases)).try_for_each(|case| {
+        progress(case - first);
+        tally.cases += 1;
+        let fail = |what| Failure { case, what };
+        one(&corpus, seed, case, &mut tally).map_err(fail)
+    });
+    panic::set_hook(hook);
+    outcome.map(|()| tally)
+}
+
+/// Runs one case; a panic becomes an error.
+fn one(corpus: &[(&str, Tiny)], seed: u64, case: u64, tally: &mut Tally) -> Result<(), String> {
+    let mut random = Stream::new(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(case));
+    let (name, tiny) = &corpus[random.below(corpus.len() as u32) as usize];
+    let blob = random.below(2) == 0;
+    let work = AssertUnwindSafe(|| match blob {
+        true => blobs::case(tiny, &mut random, tally),
+        false => requests::case(tiny, &mut random, tally),
+    });
+    let result = panic::catch_unwind(work).unwrap_or_else(|payload| {
+        let text = payload.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| payload.downcast_ref::<&str>().copied()).unwrap_or("no message");
+        Err(format!("panicked: {text}"))
+    });
+    result.map_err(|what| format!("{} of the blob `{name}`: {what}", if blob { "mutation" } else { "request" }))
+}

@@ -1,0 +1,210 @@
+//! Hostile requests on a good model: lengths, tokens, anchors, solver settings, arenas that are too small, observers that
+//! stop the work anywhere.
+
+use motionette::hash::Stream;
+use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
+use motionette::{Anchor, Error, Flow, Generator, Limits, Model, Observer, Plan, Progress, Request, Source, Target};
+
+use super::Tally;
+use crate::tiny::Tiny;
+
+/// Numbers that a careless caller may hand over.
+const NUMBERS: [f32; 14] =
+    [0.0, -0.0, 1e-3, 0.5, 1.0, -1.0, 10.0, 999.9, -1001.0, 1e30, 1e-40, f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+
+/// Stops the work after so many layer boundaries.
+struct Stopper {
+    left: u32,
+    wish: Flow,
+}
+
+impl Observer for Stopper {
+    fn progress(&mut self, _: Progress) -> Flow {
+        self.left = self.left.saturating_sub(1);
+        if self.left == 0 { self.wish } else { Flow::Continue }
+    }
+}
+
+/// Runs a hostile request on `tiny`, then checks that the generator still works.
+///
+/// # Errors
+/// What a generator may not do.
+pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), String> {
+    let model = Model::open(tiny.bytes()).map_err(|e| e.to_string())?;
+    let quantizers = model.codebooks().quantizers();
+    let plain: Vec<u16> = vec![0; quantizers];
+    let least = Plan::for_request(&model, &Limits { tokens: 1, anchors: 0, refinement: Config::default() }).arena_bytes;
+
+    let refinement = if random.below(5) == 0 { None } else { Some(config(random)) };
+    let frames = model.max_tokens() * model.frames_per_token();
+    let anchors: Vec<Anchor> = (0..anchor_count(random)).map(|_| anchor(random, frames)).collect();
+    let tokens: Vec<u16> = (0..length(random, &model, quantizers)).map(|_| token(random, &model)).collect();
+    let u: Vec<f32> = (0..length(random, &model, model.decoder().code_width()))
+        .map(|_| number(random, model.embedding_limit()))
+        .collect();
+    let source = if random.below(3) == 0 { Source::Embeddings(&u) } else { Source::Tokens(&tokens) };
+    let request = Request { source, anchors: &anchors, refinement };
+
+    let whole = least + random.below(1 << 20) as usize;
+    let size = if random.below(4) == 0 { least + random.below(4096) as usize } else { whole };
+    let mut words = vec![0u128; size.div_ceil(16)];
+    let arena: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
+    let shift = random.below(16) as usize;
+    let Some(arena) = arena.get_mut(..size) else { return Err("the case's arena is short".to_owned()) };
+    // A start off the boundary costs up to 15 bytes; keep the least request possible.
+    let arena = if size >= least + 16 { &mut arena[shift..] } else { arena };
+
+    let mut generator = Generator::new(model, arena).map_err(|e| e.to_string())?;
+    let before = generator.generate(&Request::tokens(&plain), &mut ()).map(|motion| motion.hash());
+    let before = before.map_err(|e| format!("the least request was refused: {e}"))?;
+    let mut stopper =
+        Stopper { left: random.below(200), wish: if random.below(2) == 0 { Flow::Finish } else { Flow::Abort } };
+    if random.below(3) == 0 {
+        serve(&mut generator, &request, &mut stopper, tally)?;
+    } else {
+        serve(&mut generator, &request, &mut (), tally)?;
+    }
+    match generator.generate(&Request::tokens(&plain), &mut ()) {
+        Ok(motion) if motion.hash() == before => Ok(()),
+        Ok(_) => Err("the request changed the next motion".to_owned()),
+        Err(error) => Err(format!("the generator is unusable after the request: {error}")),
+    }
+}
+
+/// Runs a request and checks what comes back.
+///
+/// # Errors
+/// A motion with a number that is not finite, of another length than its source, or with another need than planned; a
+/// refusal without words, or one for memory that was there.
+pub fn serve(
+    generator: &mut Generator<'_>,
+    request: &Request<'_>,
+    observer: &mut impl Observer,
+    tally: &mut Tally,
+) -> Result<(), String> {
+    let plan = generator.plan(request);
+    let (width, per_token) = (generator.model().decoder().code_width(), generator.model().frames_per_token());
+    match generator.generate(request, observer) {
+        Ok(motion) => {
+            tally.motions += 1;
+            let plan = plan.map_err(|e| format!("a motion came out of a request that cannot be planned: {e}"))?;
+            if motion.arena_used != plan.arena_bytes {
+                return Err(format!("planned {} arena bytes, took {}", plan.arena_bytes, motion.arena_used));
+            }
+            if let Some(report) = motion.refinement
+                && u32::from(report.evaluations) >= plan.evaluations
+            {
+                return Err(format!("planned {} evaluations, took {} and one", plan.evaluations, report.evaluations));
+            }
+            let tokens = motion.u().len() / width.max(1);
+            if motion.frames().len() != tokens * per_token {
+                return Err(format!("{} frames from {tokens} tokens", motion.frames().len()));
+            }
+            match motion.joints().iter().chain(motion.u()).position(|v| !v.is_finite()) {
+                Some(at) => Err(format!("number {at} of the motion is not finite")),
+                None => Ok(()),
+            }
+        }
+        Err(error) => {
+            tally.requests_refused += 1;
+            if error.to_string().is_empty() {
+                return Err("an error without words".to_owned());
+            }
+            match error {
+                Error::Arena(short) if short.needed <= short.available => Err(format!("refused for memory: {short}")),
+                Error::Arena(short) if plan.is_ok_and(|plan| plan.arena_bytes != short.needed) => {
+                    Err(format!("the refusal names another need than the plan: {short}"))
+                }
+                _ => Ok(()),
+            }
+        }
+    }
+}
+
+/// Numbers in a request: mostly whole tokens inside the limit, else anything.
+fn length(random: &mut Stream, model: &Model<'_>, each: usize) -> usize {
+    match random.below(8) {
+        0 => random.below(700) as usize,
+        1 => 0,
+        2 => model.max_tokens() * each,
+        3 => (model.max_tokens() + 1) * each,
+        _ => (1 + random.below(model.max_tokens().min(12) as u32) as usize) * each,
+    }
+}
+
+fn token(random: &mut Stream, model: &Model<'_>) -> u16 {
+    match random.below(400) {
+        0 => random.next_u32() as u16,
+        1 => u16::MAX,
+        2 => model.codebooks().codes() as u16,
+        _ => random.below(model.codebooks().codes() as u32) as u16,
+    }
+}
+
+/// A number of ordinary size, seldom a strange one.
+fn number(random: &mut Stream, limit: f32) -> f32 {
+    match random.below(300) {
+        0 => NUMBERS[random.below(NUMBERS.len() as u32) as usize],
+        1 => limit,
+        2 => 1.1 * limit,
+        _ => 0.5 * limit * (2.0 * random.unit() - 1.0),
+    }
+}
+
+fn anchor_count(random: &mut Stream) -> u32 {
+    match random.below(8) {
+        0 => 0,
+        1 => random.below(80),
+        _ => 1 + random.below(6),
+    }
+}
+
+fn anchor(random: &mut Stream, frames: usize) -> Anchor {
+    let mut coordinate = || match random.below(60) {
+        0 => NUMBERS[random.below(NUMBERS.len() as u32) as usize],
+        _ => 4.0 * random.unit() - 2.0,
+    };
+    let [x, y, z] = [coordinate(), coordinate(), coordinate()];
+    let joints = if random.below(40) == 0 { 256 } else { 22 };
+    let target = match random.below(3) {
+        0 => Target::Root([x, y, z]),
+        1 => Target::PlanarRoot([x, z]),
+        _ => Target::Joint { joint: random.below(joints) as u8, position: [x, y, z] },
+    };
+    let limit = match random.below(40) {
+        0 => 0x1_0000,
+        1..20 => 4,
+        _ => frames as u32,
+    };
+    let frame = random.below(limit) as u16;
+    Anchor { frame, target }
+}
+
+fn config(random: &mut Stream) -> Config {
+    let mut strange = |usual: f32| match random.below(12) {
+        0 => NUMBERS[random.below(NUMBERS.len() as u32) as usize],
+        _ => usual,
+    };
+    let base = Config {
+        stop_error: strange(0.001),
+        smoothness: strange(0.1),
+        trust: strange(1e-5),
+        feasibility: strange(0.5),
+        max_step: strange(0.25),
+        ridge: strange(1.0),
+        tolerance: PerFamily { root_3d: strange(0.05), planar_root: strange(0.05), body_point: strange(0.05) },
+        learning_rate: PerFamily { root_3d: strange(0.02), planar_root: strange(0.1), body_point: strange(1e3) },
+        ..Config::fast(0)
+    };
+    let bases = [Basis::Plain, Basis::Transport, Basis::Slope, Basis::Affine, Basis::Quadratic, Basis::Cubic];
+    let activities = [Activity::Residual, Activity::Uniform, Activity::Shuffled];
+    Config {
+        method: if random.below(2) == 0 { Method::QuasiNewton } else { Method::Published },
+        evaluations: random.below(7) as u16,
+        basis: bases[random.below(6) as usize],
+        activity: activities[random.below(3) as usize],
+        memory: [0, 1, 5, 255][random.below(4) as usize],
+        seed: random.next_u32(),
+        ..base
+    }
+}
