@@ -2,13 +2,15 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use super::{bar, say};
-use crate::dataset::Dataset;
-use crate::import::{Summary, pack};
+use crate::dataset::{Dataset, Split};
+use crate::import::bvh::Mapping;
+use crate::import::collect::SplitChoice;
+use crate::import::{Summary, humanml, pack, recordings};
 use crate::motion::features::{Bones, Options};
 
 /// Reads recordings and writes one dataset file: joints, features, captions, splits, hashes.
@@ -21,6 +23,8 @@ pub(super) struct Cmd {
 #[derive(Debug, Subcommand)]
 enum Source {
     Pack(Pack),
+    Bvh(Bvh),
+    Humanml(HumanMl),
 }
 
 /// What every kind of import takes.
@@ -37,27 +41,24 @@ struct Common {
     keep_bones: bool,
 }
 
-impl Common {
-    fn options(&self) -> Options {
-        Options { bones: if self.keep_bones { Bones::Keep } else { Bones::Uniform }, ..Options::default() }
-    }
+/// What imports take that have no list of clips.
+#[derive(Debug, Args)]
+struct Labels {
+    /// Name of the collection.
+    #[arg(long, default_value = "user")]
+    subset: String,
+    /// Split of the clips that no list names: train, val or test; by name = 80, 5, 15 % by a hash of the name.
+    #[arg(long, default_value = "by-name", value_parser = split)]
+    split: SplitChoice,
+    /// Leave out files that cannot be read, and list them, instead of failing.
+    #[arg(long)]
+    skip_bad: bool,
+}
 
-    /// Writes the dataset and says what is in it.
-    fn finish(&self, dataset: &Dataset, summary: &Summary) -> Result<Value> {
-        for skipped in &summary.skipped {
-            say(&format!("left out {}: {}", skipped.id, skipped.reason));
-        }
-        ensure!(!dataset.clips.is_empty(), "nothing to import: all {} clips were left out", summary.skipped.len());
-        dataset.save(&self.output).with_context(|| format!("writing {}", self.output.display()))?;
-        for (part, count) in &summary.parts {
-            say(&format!("{part:16} {:6} clips {:8} frames {:6} captions", count.clips, count.frames, count.captions));
-        }
-        let total = summary.total;
-        say(&format!("{:16} {:6} clips {:8} frames {:6} captions", "total", total.clips, total.frames, total.captions));
-        say(&format!("{} (hash {})", self.output.display(), dataset.hash));
-        Ok(
-            json!({"output": self.output, "hash": dataset.hash, "total": total, "parts": summary.parts, "skipped": summary.skipped}),
-        )
+fn split(name: &str) -> Result<SplitChoice, String> {
+    match name {
+        "by-name" => Ok(SplitChoice::ByName),
+        other => other.parse::<Split>().map(SplitChoice::Fixed).map_err(|message| format!("{message}, or by-name")),
     }
 }
 
@@ -72,25 +73,105 @@ struct Pack {
     common: Common,
 }
 
-impl Cmd {
-    pub(super) fn run(self) -> Result<Value> {
-        match self.source {
-            Source::Pack(pack) => pack.run(),
-        }
-    }
+/// BVH files: any hierarchy, channel order and frame rate.
+///
+/// A text file of the same name beside a recording holds its captions, one a line, or in HumanML3D's form SENTENCE#TAGS#FROM#TO.
+///
+/// Example: motionette import bvh dance.bvh recordings/ -o data/mine.mds
+#[derive(Debug, Args)]
+#[command(after_help = MAPPING_HELP)]
+struct Bvh {
+    /// Files, or folders that are searched for .bvh.
+    #[arg(required = true)]
+    paths: Vec<PathBuf>,
+    /// Which joints of the files are which of the 22; without it the built-in tables are tried.
+    #[arg(long, value_name = "FILE.json")]
+    mapping: Option<PathBuf>,
+    #[command(flatten)]
+    labels: Labels,
+    #[command(flatten)]
+    common: Common,
 }
 
-impl Pack {
-    fn run(self) -> Result<Value> {
+const MAPPING_HELP: &str = "\
+A mapping file gives a name, the metres a unit of the file, and for each of the 22 SMPL joints a joint of the file or a point \
+between two; `up` (\"y\" or \"z\") and `drop_frames` (a rest pose at the beginning) may be left out:
+  {\"name\": \"mine\", \"unit\": 0.01, \"up\": \"y\", \"drop_frames\": 0, \"joints\": {
+    \"pelvis\": \"Hips\", \"spine1\": {\"from\": \"Hips\", \"to\": \"Chest\", \"at\": 0.4}, ... }}
+Joints: pelvis, spine1, spine2, spine3, neck, head; left_ and right_ hip, knee, ankle, foot, collar, shoulder, elbow, wrist.
+Built in: bandai-namco, iclone, cmu-cgspeed, mixamo, lafan1.";
+
+/// A folder in HumanML3D's layout: new_joint_vecs, new_joints, texts, train.txt, val.txt, test.txt.
+///
+/// Example: motionette import humanml HumanML3D -o data/humanml3d.mds
+#[derive(Debug, Args)]
+struct HumanMl {
+    /// The folder.
+    folder: PathBuf,
+    #[command(flatten)]
+    labels: Labels,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl Cmd {
+    pub(super) fn run(self) -> Result<Value> {
         let bar = bar(0, "clips");
         let progress = |done: usize, total: usize| {
             bar.set_length(total as u64);
             bar.inc(done as u64);
         };
-        let (dataset, summary) =
-            pack::import(&self.folder, self.common.shortest as usize, &self.common.options(), &progress)
-                .with_context(|| format!("importing the pack in {}", self.folder.display()))?;
+        let (common, (dataset, summary)) = match self.source {
+            Source::Pack(Pack { folder, common }) => {
+                let result = pack::import(&folder, common.shortest as usize, &common.options(), &progress)
+                    .with_context(|| format!("importing the pack in {}", folder.display()))?;
+                (common, result)
+            }
+            Source::Bvh(Bvh { paths, mapping, labels, common }) => {
+                let mapping = mapping.as_deref().map(Mapping::read).transpose()?;
+                let (options, shortest) = (common.options(), common.shortest as usize);
+                let Labels { subset, split, skip_bad } = labels;
+                let request = recordings::Request { paths, mapping, subset, split, shortest, skip_bad, options };
+                (common, recordings::import(&request, &progress)?)
+            }
+            Source::Humanml(HumanMl { folder, labels, common }) => {
+                let (options, shortest) = (common.options(), common.shortest as usize);
+                let Labels { subset, split, skip_bad } = labels;
+                let request = humanml::Request { folder, subset, split, shortest, skip_bad, options };
+                (common, humanml::import(&request, &progress)?)
+            }
+        };
         bar.finish_and_clear();
-        self.common.finish(&dataset, &summary)
+        common.finish(&dataset, &summary)
+    }
+}
+
+impl Common {
+    fn options(&self) -> Options {
+        Options { bones: if self.keep_bones { Bones::Keep } else { Bones::Uniform }, ..Options::default() }
+    }
+
+    /// Writes the dataset and says what is in it.
+    fn finish(&self, dataset: &Dataset, summary: &Summary) -> Result<Value> {
+        for skipped in &summary.skipped {
+            say(&format!("left out {}: {}", skipped.id, skipped.reason));
+        }
+        if dataset.clips.is_empty() {
+            bail!("nothing to import: all {} clips were left out", summary.skipped.len());
+        }
+        dataset.save(&self.output).with_context(|| format!("writing {}", self.output.display()))?;
+        for (part, count) in &summary.parts {
+            say(&format!("{part:16} {:6} clips {:8} frames {:6} captions", count.clips, count.frames, count.captions));
+        }
+        let total = summary.total;
+        say(&format!("{:16} {:6} clips {:8} frames {:6} captions", "total", total.clips, total.frames, total.captions));
+        say(&format!("{} (hash {})", self.output.display(), dataset.hash));
+        Ok(json!({
+            "output": self.output,
+            "hash": dataset.hash,
+            "total": total,
+            "parts": summary.parts,
+            "skipped": summary.skipped,
+        }))
     }
 }

@@ -93,6 +93,12 @@ pub enum Error {
         /// Name of the clip.
         clip: String,
     },
+    /// Two clips have the same name.
+    #[error("there are two clips {clip}; names must differ, rename a file or import the folders apart")]
+    Repeated {
+        /// The name.
+        clip: String,
+    },
     /// More rows than the file's 32-bit ranges can say.
     #[error("{rows} rows are more than a dataset file can hold (2147483647); split the import")]
     Full {

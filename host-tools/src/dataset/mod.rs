@@ -13,6 +13,8 @@ mod store;
 #[cfg(test)]
 mod tests;
 
+use std::collections::HashSet;
+
 use serde::{Deserialize, Serialize};
 
 pub use error::Error;
@@ -159,6 +161,7 @@ impl Dataset {
 #[derive(Debug)]
 pub struct Builder {
     dataset: Dataset,
+    ids: HashSet<String>,
 }
 
 impl Default for Builder {
@@ -178,6 +181,7 @@ impl Builder {
                 offsets: vec![0],
                 hash: String::new(),
             },
+            ids: HashSet::new(),
         }
     }
 
@@ -185,7 +189,7 @@ impl Builder {
     ///
     /// # Errors
     /// [`Error::Rows`] when joints and features disagree in length or are empty, [`Error::Value`] for values that are not finite,
-    /// [`Error::Full`] past 2^31 rows.
+    /// [`Error::Repeated`] for a name that is taken, [`Error::Full`] past 2^31 rows.
     pub fn push(&mut self, mut clip: Clip, joints: &[Pose], features: &[f32]) -> Result<(), Error> {
         if joints.is_empty() || features.len() != joints.len() * FEATURES {
             return Err(Error::Rows { clip: clip.id, joints: joints.len(), features: features.len() });
@@ -193,6 +197,9 @@ impl Builder {
         let flat = joints.as_flattened().as_flattened();
         if !flat.iter().chain(features).all(|x| x.is_finite()) {
             return Err(Error::Value { clip: clip.id });
+        }
+        if !self.ids.insert(clip.id.clone()) {
+            return Err(Error::Repeated { clip: clip.id });
         }
         let rows = self.dataset.frames() + joints.len();
         if i32::try_from(rows).is_err() {

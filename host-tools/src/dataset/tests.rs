@@ -1,5 +1,8 @@
 use std::collections::HashMap;
 
+use safetensors::Dtype;
+use safetensors::tensor::TensorView;
+
 use super::*;
 
 fn pose(seed: usize) -> Pose {
@@ -83,7 +86,9 @@ fn unfit_clips_are_refused() {
     let mut broken = pose(1);
     broken[4][1] = f32::NAN;
     assert!(matches!(builder.push(clip("x", Split::Val), &[broken], &features), Err(Error::Value { .. })));
-    assert!(builder.finish().clips.is_empty());
+    builder.push(clip("x", Split::Val), &[pose(1)], &features).unwrap();
+    assert!(matches!(builder.push(clip("x", Split::Val), &[pose(1)], &features), Err(Error::Repeated { .. })));
+    assert_eq!(builder.finish().offsets, [0, 1]);
 }
 
 #[test]
@@ -132,9 +137,6 @@ fn forge(metadata: &[(&str, &str)], shapes: [(Dtype, Vec<usize>); 3], offsets: &
     std::fs::write(&path, safetensors::serialize(views, Some(metadata)).unwrap()).unwrap();
     Dataset::load(&path).unwrap_err()
 }
-
-use safetensors::Dtype;
-use safetensors::tensor::TensorView;
 
 fn shapes(rows: usize, offsets: usize) -> [(Dtype, Vec<usize>); 3] {
     [(Dtype::F32, vec![rows, 22, 3]), (Dtype::F32, vec![rows, 263]), (Dtype::I32, vec![offsets])]

@@ -1,7 +1,24 @@
 //! Recordings in, dataset out.
 
+pub mod bvh;
+pub mod captions;
+pub mod collect;
+pub mod humanml;
 pub mod npy;
 pub mod pack;
+pub mod recordings;
 mod summary;
 
 pub use summary::{Count, Skipped, Summary};
+
+/// An error and its causes on one line, for lists of what was left out.
+fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        text.push_str(": ");
+        text.push_str(&error.to_string());
+        cause = error.source();
+    }
+    text
+}

@@ -80,7 +80,26 @@ struct LineCaption {
     src: String,
 }
 
-/// Reads a pack and extracts features. `progress` is called once a clip.
+/// A clip as the pack has it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// Its description.
+    pub clip: Clip,
+    /// Global joints, metres: captured bone lengths, first frame at the origin facing +z.
+    pub joints: Vec<Pose>,
+}
+
+/// Reads a pack as it is.
+///
+/// # Errors
+/// [`Error`], naming the file and the line.
+pub fn read(folder: &Path) -> Result<Vec<Recording>, Error> {
+    let lines = read_lines(&folder.join("clips.jsonl"))?;
+    let motions = read_motions(&folder.join("joints.safetensors"), &lines)?;
+    Ok(lines.into_iter().zip(motions).map(|(line, joints)| Recording { clip: describe(line), joints }).collect())
+}
+
+/// Reads a pack and extracts features. `progress` is called with (1, total) once a clip.
 ///
 /// Clips with fewer than `shortest` frames, or whose motion has no features, are left out and listed in the summary.
 ///
@@ -92,45 +111,41 @@ pub fn import(
     options: &Options,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(Dataset, Summary), Error> {
-    let lines = read_lines(&folder.join("clips.jsonl"))?;
-    let motions = read_motions(&folder.join("joints.safetensors"), &lines)?;
-    let clips: Vec<(&Line, &Vec<Pose>)> = lines.iter().zip(&motions).collect();
-    let total = clips.len();
-    let processed = parallel::map(&clips, |(line, motion)| {
-        let result = if motion.len() < shortest {
-            Err(format!("{} frames, fewer than {shortest}", motion.len()))
+    let recordings = read(folder)?;
+    let processed = parallel::map(&recordings, |Recording { joints, .. }| {
+        let result = if joints.len() < shortest {
+            Err(format!("{} frames, fewer than {shortest}", joints.len()))
         } else {
-            features::process(motion, options).map_err(|error| error.to_string())
+            features::process(joints, options).map_err(|error| error.to_string())
         };
-        progress(1, total);
-        (line.id.as_str(), result)
+        progress(1, recordings.len());
+        result
     });
 
     let mut builder = Builder::new();
     let mut summary = Summary::default();
-    for ((line, _), (id, result)) in clips.iter().zip(processed) {
+    for (Recording { clip, .. }, result) in recordings.into_iter().zip(processed) {
         match result {
             Ok(motion) => {
-                let clip = describe(line);
                 summary.count(&clip, motion.joints.len());
                 builder.push(clip, &motion.joints, &motion.features)?;
             }
-            Err(reason) => summary.skip(id, reason),
+            Err(reason) => summary.skip(&clip.id, reason),
         }
     }
     Ok((builder.finish(), summary))
 }
 
-fn describe(line: &Line) -> Clip {
-    let caption = |c: &LineCaption| Caption { text: c.text.clone(), from: c.f, to: c.t, source: c.src.clone() };
+fn describe(line: Line) -> Clip {
+    let caption = |c: LineCaption| Caption { text: c.text, from: c.f, to: c.t, source: c.src };
     Clip {
-        id: line.id.clone(),
+        id: line.id,
         split: line.split,
-        subset: line.subset.clone(),
-        source: line.source.clone(),
+        subset: line.subset,
+        source: line.source,
         fps_source: line.src_fps,
-        captions: line.captions.iter().map(caption).collect(),
-        labels: line.labels.clone(),
+        captions: line.captions.into_iter().map(caption).collect(),
+        labels: line.labels,
         hash: String::new(),
     }
 }

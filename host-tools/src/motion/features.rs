@@ -204,7 +204,10 @@ fn row(
     features: &mut Vec<f32>,
 ) -> Result<(), usize> {
     let root = pose[0];
+    // Both signs of a quaternion are one rotation; the half angle below is the turn's only for the one with w >= 0. HumanML3D does not
+    // choose, so its yaw velocity has the wrong sign in the frame in which the body passes a half turn from where it started.
     let turn = q::multiply(next_facing, q::inverse(facing));
+    let turn = if turn[0] < 0.0 { turn.map(|x| -x) } else { turn };
     let root_velocity = q::rotate(next_facing, q::subtract(next[0], root));
     features.extend([turn[2].asin() as f32, root_velocity[0] as f32, root_velocity[2] as f32, root[1] as f32]);
     for p in &pose[1..] {

@@ -1,0 +1,239 @@
+//! Which joints of a file are which of the 22.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::{Bvh, Problem};
+use crate::motion::quaternion::{self as q, Vector};
+use crate::motion::{JOINTS, Pose, skeleton};
+
+/// Where a SMPL joint comes from.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum Source {
+    /// A joint of the file.
+    Joint(String),
+    /// A point on the line through two joints: `from + at (to - from)`.
+    Between {
+        /// Joint at `at` = 0.
+        from: String,
+        /// Joint at `at` = 1.
+        to: String,
+        /// Where on the line.
+        at: f64,
+    },
+}
+
+/// A table from a file's joints to the 22, as read from JSON.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mapping {
+    /// What to call it in messages.
+    pub name: String,
+    /// Metres a unit of the file.
+    pub unit: f64,
+    /// The axis that points up, `y` or `z`.
+    #[serde(default)]
+    pub up: Up,
+    /// Frames to leave out at the beginning: a rest pose.
+    #[serde(default)]
+    pub drop_frames: usize,
+    /// All 22 SMPL joint names and where each comes from.
+    pub joints: BTreeMap<String, Source>,
+}
+
+/// The axis that points up in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Up {
+    /// As in motionette.
+    #[default]
+    Y,
+    /// Turned about x: (x, y, z) becomes (x, z, -y).
+    Z,
+}
+
+/// Why a mapping file cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MappingError {
+    /// It cannot be read.
+    #[error("cannot read the mapping {}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// It is not JSON of the right form.
+    #[error("{} is not a joint mapping; it needs name, unit (metres) and joints, see `motionette import bvh --help`", path.display())]
+    Form {
+        /// The file.
+        path: PathBuf,
+        /// What the reader said.
+        source: serde_json::Error,
+    },
+    /// It does not say where every joint comes from.
+    #[error("{} does not map {missing}; all 22 joints are needed", path.display())]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// SMPL joints it lacks.
+        missing: String,
+    },
+    /// It maps something that is no SMPL joint.
+    #[error("{} maps {unknown}, which is none of the 22 joints ({})", path.display(), skeleton::NAMES.join(", "))]
+    Unknown {
+        /// The file.
+        path: PathBuf,
+        /// The names.
+        unknown: String,
+    },
+    /// A number makes no sense.
+    #[error("{}: {what} must be a {must}", path.display())]
+    Number {
+        /// The file.
+        path: PathBuf,
+        /// The field.
+        what: String,
+        /// What it must be.
+        must: &'static str,
+    },
+}
+
+/// The tables that come with the program, most telling first.
+const BUILT_IN: [&str; 5] = [
+    include_str!("mappings/bandai-namco.json"),
+    include_str!("mappings/iclone.json"),
+    include_str!("mappings/cmu-cgspeed.json"),
+    include_str!("mappings/mixamo.json"),
+    include_str!("mappings/lafan1.json"),
+];
+
+/// A SMPL joint as indices into a file's joints: `from + at (to - from)`.
+pub(super) type Resolved = (usize, usize, f64);
+
+impl Mapping {
+    /// The built-in tables in the order they are tried.
+    pub fn built_in() -> impl Iterator<Item = Self> {
+        // A test parses them all, so nothing is lost here.
+        BUILT_IN.iter().filter_map(|text| serde_json::from_str(text).ok())
+    }
+
+    /// Reads a mapping file.
+    ///
+    /// # Errors
+    /// [`MappingError`], naming the file and the joints.
+    pub fn read(path: &Path) -> Result<Self, MappingError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| MappingError::Read { path: path.to_path_buf(), source })?;
+        let mapping: Self =
+            serde_json::from_str(&text).map_err(|source| MappingError::Form { path: path.to_path_buf(), source })?;
+        let missing: Vec<&str> =
+            skeleton::NAMES.into_iter().filter(|name| !mapping.joints.contains_key(*name)).collect();
+        if !missing.is_empty() {
+            return Err(MappingError::Missing { path: path.to_path_buf(), missing: missing.join(", ") });
+        }
+        let unknown: Vec<&str> =
+            mapping.joints.keys().map(String::as_str).filter(|name| !skeleton::NAMES.contains(name)).collect();
+        if !unknown.is_empty() {
+            return Err(MappingError::Unknown { path: path.to_path_buf(), unknown: unknown.join(", ") });
+        }
+        if !(mapping.unit.is_finite() && mapping.unit > 0.0) {
+            return Err(MappingError::Number {
+                path: path.to_path_buf(),
+                what: "unit".into(),
+                must: "positive number",
+            });
+        }
+        Ok(mapping)
+    }
+
+    /// The built-in table all of whose joints the file has.
+    pub(super) fn detect(bvh: &Bvh) -> Result<Self, Problem> {
+        let mut closest: Option<(Self, Vec<String>)> = None;
+        for mapping in Self::built_in() {
+            let missing = mapping.missing(bvh);
+            if missing.is_empty() {
+                return Ok(mapping);
+            }
+            if closest.as_ref().is_none_or(|(_, fewest)| missing.len() < fewest.len()) {
+                closest = Some((mapping, missing));
+            }
+        }
+        let (closest, missing) = closest.map_or_else(Default::default, |(mapping, missing)| (mapping.name, missing));
+        Err(Problem::NoMapping { closest, missing: missing.join(", "), present: present(bvh) })
+    }
+
+    fn missing(&self, bvh: &Bvh) -> Vec<String> {
+        let names: BTreeSet<&str> = bvh.joints.iter().map(|joint| plain(&joint.name)).collect();
+        let needed: BTreeSet<&str> = self.joints.values().flat_map(Source::names).map(plain).collect();
+        needed.difference(&names).map(ToString::to_string).collect()
+    }
+
+    /// Where each of the 22 comes from in this file.
+    pub(super) fn resolve(&self, bvh: &Bvh) -> Result<[Resolved; JOINTS], Problem> {
+        let missing = self.missing(bvh);
+        if !missing.is_empty() {
+            let mapping = self.name.clone();
+            return Err(Problem::Unmapped { mapping, missing: missing.join(", "), present: present(bvh) });
+        }
+        let find = |name: &str| {
+            let mut found = bvh.joints.iter().enumerate().filter(|(_, joint)| plain(&joint.name) == plain(name));
+            match (found.next(), found.next()) {
+                (Some((index, _)), None) => Ok(index),
+                _ => Err(Problem::Ambiguous { name: name.into() }),
+            }
+        };
+        let mut resolved = [(0, 0, 0.0); JOINTS];
+        for (slot, smpl) in resolved.iter_mut().zip(skeleton::NAMES) {
+            *slot = match self.joints.get(smpl) {
+                Some(Source::Joint(name)) => (find(name)?, 0, 0.0),
+                Some(Source::Between { from, to, at }) => (find(from)?, find(to)?, *at),
+                None => {
+                    let mapping = self.name.clone();
+                    return Err(Problem::Unmapped { mapping, missing: smpl.into(), present: present(bvh) });
+                }
+            };
+        }
+        Ok(resolved)
+    }
+
+    /// The 22 joints in metres, y up, from a file's global positions.
+    pub(super) fn pose(&self, sources: &[Resolved; JOINTS], positions: &[Vector]) -> Pose {
+        sources.map(|(from, to, at)| {
+            let start = positions[from];
+            let point = q::add(start, q::scale(q::subtract(positions[to], start), at));
+            let [x, y, z] = q::scale(point, self.unit);
+            let upright = match self.up {
+                Up::Y => [x, y, z],
+                Up::Z => [x, z, -y],
+            };
+            upright.map(|x| x as f32)
+        })
+    }
+}
+
+impl Source {
+    fn names(&self) -> impl Iterator<Item = &str> {
+        let (first, second) = match self {
+            Self::Joint(name) => (name.as_str(), None),
+            Self::Between { from, to, .. } => (from.as_str(), Some(to.as_str())),
+        };
+        std::iter::once(first).chain(second)
+    }
+}
+
+/// A name without its namespace (`mixamorig:Hips`).
+fn plain(name: &str) -> &str {
+    name.rsplit(':').next().unwrap_or(name)
+}
+
+fn present(bvh: &Bvh) -> String {
+    const SHOWN: usize = 60;
+    let names: Vec<&str> = bvh.joints.iter().take(SHOWN).map(|joint| joint.name.as_str()).collect();
+    let more = bvh.joints.len().saturating_sub(SHOWN);
+    if more > 0 { format!("{} and {more} more", names.join(", ")) } else { names.join(", ") }
+}
