@@ -2,7 +2,7 @@
 
 use motionette::blob::{DType, HEADER_LEN};
 use motionette::refining::Config;
-use motionette::{Limits, Plan};
+use motionette::{Generator, Limits, Plan};
 use serde::Serialize;
 
 use crate::blob_file::{BlobFile, Error};
@@ -32,6 +32,9 @@ pub struct Report {
     pub solver_evaluations: u16,
     /// Arena bytes, exactly.
     pub arena_bytes: usize,
+    /// Arena and generator object: all that the runtime owns beside its code. The object is that of a 64-bit machine; a 32-bit one
+    /// needs less.
+    pub ram_bytes: usize,
     /// The arena by purpose; the sum is `arena_bytes`.
     pub arena: Vec<Share>,
     /// Bytes of the blob.
@@ -66,6 +69,7 @@ pub fn plan(blob: &BlobFile, tokens: usize, anchors: usize, refinement: Config) 
         anchors,
         solver_evaluations: if anchors > 0 { refinement.evaluations } else { 0 },
         arena_bytes: plan.arena_bytes,
+        ram_bytes: plan.arena_bytes + size_of::<Generator<'_>>(),
         arena: vec![
             share("decoder layers and joints", plan.decoder_bytes),
             share("features and gradient", plan.feature_bytes),

@@ -123,6 +123,7 @@ fn the_road_from_checkpoint_to_figures() {
     let (arena, flash): (u64, u64) = (sum(&plan["arena"]), sum(&plan["flash"]));
     assert_eq!((Some(arena), Some(flash)), (plan["arena_bytes"].as_u64(), plan["flash_bytes"].as_u64()));
     assert_eq!(plan["flash_bytes"], made["bytes"]);
+    assert!(plan["ram_bytes"].as_u64() > Some(arena) && plan["ram_bytes"].as_u64() < Some(arena + 16 * 1024));
     let pass: u64 = sum(&plan["decoder_macs"]);
     let layers: u64 = seen["layers"].as_array().expect("layers").iter().map(|l| l["macs"].as_u64().expect("MAC")).sum();
     assert_eq!(pass * 49, layers * 20, "work grows with the number of tokens");

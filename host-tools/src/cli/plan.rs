@@ -50,6 +50,7 @@ impl Cmd {
             report.model, report.tokens, report.frames, report.anchors, report.solver_evaluations
         ));
         table("arena", "bytes", &report.arena, report.arena_bytes as u64);
+        say(&format!("  {:<28}  {:>13} bytes", "with the generator object", grouped(report.ram_bytes as u64)));
         table("flash", "bytes", &report.flash, report.flash_bytes as u64);
         let pass = report.decoder_macs.iter().map(|s| s.amount).sum();
         table("one decoder pass, all channels", "MAC", &report.decoder_macs, pass);
