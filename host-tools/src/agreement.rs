@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use crate::motion::{JOINTS, Pose};
+use crate::metrics;
+use crate::motion::Pose;
 
 /// Frames of 5 s at 20 frames a second.
 pub const DRIFT_FRAMES: usize = 100;
@@ -56,12 +57,9 @@ impl Agreement {
         let start = self.errors.len();
         let frames = a.len().min(b.len());
         for (a, b) in a.iter().zip(b) {
-            for j in 1..JOINTS {
-                let d = [0, 1, 2].map(|c| f64::from(a[j][c] - a[0][c]) - f64::from(b[j][c] - b[0][c]));
-                self.errors.push(MILLIMETRES * length(d));
-            }
+            self.errors.extend(metrics::root_aligned_distances(a, b).map(|d| MILLIMETRES * d));
         }
-        let drift = |t: usize| MILLIMETRES * length([0, 1, 2].map(|c| f64::from(a[t][0][c]) - f64::from(b[t][0][c])));
+        let drift = |frames: usize| MILLIMETRES * metrics::root_drift_end(&a[..frames], &b[..frames]);
         let mut sorted = self.errors[start..].to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
         self.clips.push(ClipAgreement {
@@ -70,8 +68,8 @@ impl Agreement {
             mean_mm: mean(&sorted),
             p99_mm: percentile(&sorted, 0.99),
             max_mm: sorted.last().copied().unwrap_or_default(),
-            drift_mm: (frames >= DRIFT_FRAMES).then(|| drift(DRIFT_FRAMES - 1)),
-            end_drift_mm: if frames > 0 { drift(frames - 1) } else { 0.0 },
+            drift_mm: (frames >= DRIFT_FRAMES).then(|| drift(DRIFT_FRAMES)),
+            end_drift_mm: drift(frames),
         });
     }
 
@@ -106,10 +104,6 @@ impl Agreement {
         order.truncate(count);
         order
     }
-}
-
-fn length([x, y, z]: [f64; 3]) -> f64 {
-    (x * x + y * y + z * z).sqrt()
 }
 
 fn mean(values: &[f64]) -> f64 {

@@ -8,8 +8,11 @@
 //! | [`output`] | files that appear whole or not at all |
 //! | [`parallel`] | work on all cores |
 //! | [`checkpoint`] | tokenizer checkpoints: MoMask, T2M-GPT and our own, from safetensors or torch containers |
-//! | [`reference`] | the plain-loop reference in f32 and f64: encoder, decoder, recovery, gradients, solver |
+//! | [`mod@reference`] | the plain-loop reference in f32 and f64: encoder, decoder, recovery, gradients, solver |
 //! | [`convert`] | quantisation and the blob |
+//! | [`export`] | motions in files that other programs read: BVH |
+//! | [`anchors_file`] | `anchors.json`: where the motion must pass |
+//! | [`metrics`] | figures of a motion: jerk, foot skating, joint errors, control error |
 //! | [`agreement`] | how far two motions are apart |
 //! | [`blob_file`] | a blob on the host: checked, its table walked, its layers as integers |
 //! | [`inspect`] | what is in a blob |
@@ -23,13 +26,16 @@
 #![deny(unsafe_code)]
 
 pub mod agreement;
+pub mod anchors_file;
 pub mod blob_file;
 pub mod checkpoint;
 pub mod cli;
 pub mod convert;
 pub mod dataset;
+pub mod export;
 pub mod import;
 pub mod inspect;
+pub mod metrics;
 pub mod motion;
 pub mod output;
 pub mod parallel;

@@ -1,0 +1,121 @@
+//! `anchors.json`: where the motion must pass.
+//!
+//! ```json
+//! {"anchors": [
+//!   {"time": 2.0, "root": [1.2, 0.9, 2.0]},
+//!   {"frame": 70, "joint": "right_wrist", "position": [0.4, 1.3, 2.5]},
+//!   {"time": 4.0, "planar_root": [2.0, 3.5]}
+//! ]}
+//! ```
+//!
+//! | field | unit | meaning |
+//! |---|---|---|
+//! | `time` | s | when, from the start; taken to the nearest frame (20 a second). Exactly one of `time` and `frame` |
+//! | `frame` | - | when, as a frame number from 0 |
+//! | `root` | m | pelvis at `[x, y, z]` (Root-3D). Exactly one target: `root`, `planar_root`, or `joint` with `position` |
+//! | `planar_root` | m | pelvis at `[x, z]`, its height free (Planar-root) |
+//! | `joint` | - | name of one of the 22 joints ([`crate::motion::skeleton::NAMES`]), with `position` (Body-point) |
+//! | `position` | m | where that joint is, `[x, y, z]` |
+//!
+//! Coordinates are those of the motion: y up, the pelvis starts at x = z = 0 and faces +z, the subject's left is +x. Other fields
+//! are refused. [`parse`] knows nothing of the motion's length; [`check`] does. `docs/anchors.md` says the same to users.
+
+mod entry;
+mod error;
+#[cfg(test)]
+mod tests;
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use motionette::perception::anchors::AnchorSet;
+use motionette::{Anchor, Target};
+use serde::Deserialize;
+
+use crate::motion::skeleton;
+use crate::output;
+use entry::Entry;
+pub use error::Error;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    anchors: Vec<Entry>,
+}
+
+/// Reads an anchors file.
+///
+/// # Errors
+/// [`Error::Read`] when the file cannot be read, else as [`parse`].
+pub fn read(path: &Path) -> Result<Vec<Anchor>, Error> {
+    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    parse(&text)
+}
+
+/// Parses the text of an anchors file. Anchors keep their order; an empty list is fine.
+///
+/// # Errors
+/// [`Error`], with line and column for text that is not JSON of this form and with the anchor's index (from 0) and field for content
+/// that makes no sense.
+pub fn parse(text: &str) -> Result<Vec<Anchor>, Error> {
+    let text = text.trim_start_matches('\u{feff}');
+    // The derived reader would take a list as the fields without their names.
+    let before = &text[..text.len() - text.trim_start().len()];
+    if text[before.len()..].starts_with('[') {
+        let line = before.matches('\n').count() + 1;
+        let column = before.len() - before.rfind('\n').map_or(0, |end| end + 1) + 1;
+        return Err(Error::Json { line, column, message: "expected an object, found a list".into() });
+    }
+    let file: File = serde_json::from_str(text).map_err(Error::json)?;
+    file.anchors.iter().enumerate().map(|(index, entry)| entry.anchor(index)).collect()
+}
+
+/// Checks anchors against a motion of `frames` frames (20 a second): that all lie within it, and what a request demands besides
+/// (numbers, no two targets for one joint at one frame, not too many).
+///
+/// # Errors
+/// [`Error::BeyondEnd`], which says how long the motion is, or [`Error::Refused`].
+pub fn check(anchors: &[Anchor], frames: usize) -> Result<(), Error> {
+    if let Some((index, anchor)) = anchors.iter().enumerate().find(|(_, anchor)| usize::from(anchor.frame) >= frames) {
+        return Err(Error::BeyondEnd { index, frame: anchor.frame, frames });
+    }
+    AnchorSet::new(anchors, frames).map(|_| ()).map_err(Error::Refused)
+}
+
+/// Writes anchors as a file that [`read`] gives back bit for bit: one anchor a line, `frame` rather than `time`.
+///
+/// # Errors
+/// [`Error::NotFinite`] and [`Error::NoSuchJoint`] for anchors the file cannot hold, [`Error::Write`] when the file cannot be written.
+pub fn write(path: &Path, anchors: &[Anchor]) -> Result<(), Error> {
+    let text = text(anchors)?;
+    output::write_atomic(path, |w| w.write_all(text.as_bytes())).map_err(Error::Write)
+}
+
+fn text(anchors: &[Anchor]) -> Result<String, Error> {
+    let mut text = String::from("{\"anchors\": [");
+    for (index, anchor) in anchors.iter().enumerate() {
+        let (field, coordinates): (&'static str, &[f32]) = match &anchor.target {
+            Target::Root(p) => ("root", p),
+            Target::PlanarRoot(p) => ("planar_root", p),
+            Target::Joint { position, .. } => ("position", position),
+        };
+        if let Some(&value) = coordinates.iter().find(|x| !x.is_finite()) {
+            return Err(Error::NotFinite { index, field, value: f64::from(value) });
+        }
+        let joint = match anchor.target {
+            Target::Joint { joint, .. } => {
+                let name = skeleton::NAMES.get(usize::from(joint)).ok_or(Error::NoSuchJoint { index, joint })?;
+                format!("\"joint\": \"{name}\", ")
+            }
+            _ => String::new(),
+        };
+        // The shortest digits that name this f32.
+        let coordinates: Vec<String> = coordinates.iter().map(f32::to_string).collect();
+        let comma = if index == 0 { "" } else { "," };
+        let (frame, coordinates) = (anchor.frame, coordinates.join(", "));
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{comma}\n  {{\"frame\": {frame}, {joint}\"{field}\": [{coordinates}]}}");
+    }
+    text.push_str("\n]}\n");
+    Ok(text)
+}

@@ -1,0 +1,130 @@
+use super::*;
+
+/// The message of a file with these anchors, which must be refused.
+fn refused(anchors: &str) -> String {
+    parse(&format!("{{\"anchors\": [{anchors}]}}")).expect_err(anchors).to_string()
+}
+
+#[test]
+fn all_three_families_and_both_times() {
+    let text = r#"{"anchors":[{"time":2.0,"root":[1,-0.5,2e-1]},
+        {"frame":70,"joint":"right_wrist","position":[0.25,1.5,3]},
+        {"time":3.974,"planar_root":[7,8]},
+        {"position":[1,2,3],"time":0,"joint":"pelvis"}]}"#;
+    let expected = [
+        Anchor::root(40, [1.0, -0.5, 0.2]),
+        Anchor::joint(70, 21, [0.25, 1.5, 3.0]),
+        Anchor::planar_root(79, [7.0, 8.0]),
+        Anchor::joint(0, 0, [1.0, 2.0, 3.0]),
+    ];
+    assert_eq!(parse(text).expect("valid"), expected);
+    assert_eq!(parse("\u{feff}{\"anchors\": []}").expect("valid"), []);
+}
+
+#[test]
+fn content_is_refused_with_index_and_field() {
+    const GOOD: &str = r#"{"frame":1,"root":[0,0,0]}"#;
+    for (second, parts) in [
+        (r#"{"frame":1,"rot":[0,0,0]}"#, &["unknown field \"rot\"", "planar_root"][..]),
+        (r#"{"frame":1,"frame":2,"root":[0,0,0]}"#, &["frame is given twice"]),
+        (r#"{"root":[0,0,0]}"#, &["no time"]),
+        (r#"{"frame":1,"time":1,"root":[0,0,0]}"#, &["both time and frame"]),
+        (r#"{"frame":1}"#, &["no target"]),
+        (r#"{"frame":1,"root":[0,0,0],"planar_root":[0,0]}"#, &["root, planar_root"]),
+        (r#"{"frame":1,"root":[0,0,0],"position":[0,0,0]}"#, &["root, position"]),
+        (r#"{"frame":1,"joint":"head"}"#, &["joint needs position"]),
+        (r#"{"frame":1,"position":[0,0,0]}"#, &["position needs joint"]),
+        (r#"{"frame":1,"joint":"hand","position":[0,0,0]}"#, &["no joint \"hand\"", "left_wrist, right_wrist"]),
+        (r#"{"frame":1,"joint":20,"position":[0,0,0]}"#, &["joint must be", "not 20"]),
+        (r#"{"frame":1,"root":[0,0]}"#, &["root must be a list of three", "[0,0]"]),
+        (r#"{"frame":1,"root":[0,0,null]}"#, &["root must be", "null"]),
+        (r#"{"frame":1,"planar_root":[0,0,0]}"#, &["planar_root must be a list of two"]),
+        (r#"{"frame":1,"root":[0,1e39,0]}"#, &["root holds 1e39", "finite"]),
+        (r#"{"time":-0.5,"root":[0,0,0]}"#, &["time -0.5 lies before"]),
+        (r#"{"frame":-2,"root":[0,0,0]}"#, &["frame -2 lies before"]),
+        (r#"{"frame":1.5,"root":[0,0,0]}"#, &["frame must be a whole number, not 1.5"]),
+        (r#"{"time":"2 s","root":[0,0,0]}"#, &["time must be a number", "2 s"]),
+        (r#"{"time":1e9,"root":[0,0,0]}"#, &["time 1000000000 lies beyond any motion"]),
+        (r#"{"frame":65536,"root":[0,0,0]}"#, &["frame 65536 lies beyond any motion"]),
+    ] {
+        let message = refused(&format!("{GOOD}, {second}"));
+        assert!(message.starts_with("anchor 1: "), "{message}");
+        for part in parts {
+            assert!(message.contains(part), "{second}: {message:?} lacks {part:?}");
+        }
+    }
+}
+
+#[test]
+fn form_is_refused_with_line_and_column() {
+    for (text, place) in [
+        ("", (1, 0)),
+        ("{\"anchors\": [\n  {\"frame\" 1}\n]}", (2, 12)),
+        ("{\"anchors\": [\n  {\"frame\": 1, \"root\": [NaN, 0, 0]}\n]}", (2, 25)),
+        ("{\"anchors\": [\n", (2, 0)),
+        ("{\"anchors\": [], \"fps\": 30}", (1, 21)),
+        ("{\"anchors\": [7]}", (1, 14)),
+        ("{\"anchors\": []} x", (1, 17)),
+        ("[]", (1, 1)),
+        ("\n [[{\"frame\": 1, \"root\": [0, 0, 0]}]]", (2, 2)),
+        ("{}", (1, 2)),
+    ] {
+        match parse(text) {
+            Err(Error::Json { line, column, message }) => {
+                assert_eq!((line, column), place, "{text:?}: {message}");
+                assert!(!message.contains("column"), "{message}");
+            }
+            other => panic!("{text:?}: {other:?}"),
+        }
+    }
+    let deep = "[".repeat(100_000);
+    assert!(matches!(parse(&format!("{{\"anchors\": [{{\"root\": {deep}")), Err(Error::Json { .. })));
+}
+
+#[test]
+fn a_long_value_is_shortened() {
+    let message = refused(&format!("{{\"frame\": 1, \"joint\": \"{}\", \"position\": [0,0,0]}}", "\u{e4}".repeat(500)));
+    assert!(message.contains("...") && message.chars().count() < 500, "{message}");
+}
+
+#[test]
+fn the_motion_s_length_is_said() {
+    let anchors = [Anchor::root(0, [0.0; 3]), Anchor::root(100, [0.0; 3])];
+    check(&anchors, 101).expect("just inside");
+    let message = check(&anchors, 100).expect_err("just outside").to_string();
+    assert_eq!(message, "anchor 1: frame 100 (5.00 s) lies beyond the end: the motion has 100 frames (5.00 s)");
+    let conflict = [Anchor::root(0, [0.0; 3]), Anchor::planar_root(0, [1.0, 0.0])];
+    assert!(matches!(check(&conflict, 10), Err(Error::Refused(_))));
+    check(&[], 0).expect("nothing to meet");
+}
+
+#[test]
+fn what_is_written_is_read_back_bit_for_bit() {
+    let mut anchors =
+        vec![Anchor::planar_root(u16::MAX, [-0.0, 1e-30]), Anchor::root(0, [f32::MAX, f32::MIN_POSITIVE, -1.0])];
+    let mut x = 0.1f32;
+    for joint in 0..22 {
+        x *= -1.737_191_5;
+        anchors.push(Anchor::joint(u16::from(joint) * 7, joint, [x, 1.0 / x, x * x]));
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("anchors.json");
+    write(&path, &anchors).expect("writable");
+    let back = read(&path).expect("readable");
+    assert_eq!(format!("{back:?}"), format!("{anchors:?}"), "signs of zero included");
+    write(&path, &[]).expect("writable");
+    assert_eq!(read(&path).expect("readable"), []);
+}
+
+#[test]
+fn what_the_file_cannot_hold_is_refused_and_nothing_is_left() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("anchors.json");
+    let not_finite = write(&path, &[Anchor::root(0, [0.0; 3]), Anchor::root(1, [0.0, f32::NAN, 0.0])]);
+    assert!(matches!(not_finite, Err(Error::NotFinite { index: 1, field: "root", .. })), "{not_finite:?}");
+    let joint = write(&path, &[Anchor::joint(0, 22, [0.0; 3])]);
+    assert!(matches!(joint, Err(Error::NoSuchJoint { index: 0, joint: 22 })), "{joint:?}");
+    assert!(!path.exists());
+    let missing = read(&path).expect_err("no such file");
+    assert!(matches!(&missing, Error::Read { .. }) && missing.to_string().contains("anchors.json"), "{missing}");
+}
