@@ -59,11 +59,9 @@ pub fn recording(path: &Path, checkpoint: &TokenizerCheckpoint, max_tokens: usiz
     if processed.joints.len() > max_tokens * per_token {
         notes.push(format!("cut to the model's longest motion, {frames} frames"));
     }
-    let ids = Tokenizer::<f32>::new(checkpoint)
-        .encode(&processed.features[..frames.max(1) * FEATURES])
-        .with_context(|| {
-            format!("{}: the clip cannot be encoded (it needs at least {per_token} frames)", path.display())
-        })?;
+    let ids = Tokenizer::<f32>::new(checkpoint).encode(&processed.features[..frames.max(1) * FEATURES]).with_context(
+        || format!("{}: the clip cannot be encoded (it needs at least {per_token} frames)", path.display()),
+    )?;
     let name = path.file_stem().map_or_else(|| "recording".into(), |stem| stem.to_string_lossy().into_owned());
     Ok(Source {
         caption: format!("recorded in {}", path.file_name().unwrap_or_default().to_string_lossy()),

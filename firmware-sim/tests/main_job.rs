@@ -39,7 +39,16 @@ fn default_job() -> (tempfile::TempDir, Value) {
 fn the_default_job_bends_a_real_motion_and_agrees_with_the_reference() {
     let (out, figures) = default_job();
     let number = |name: &str| figures[name].as_f64().unwrap_or_else(|| panic!("{name} is missing in {figures}"));
-    for name in ["frames", "tokens", "jerk", "jerk_before", "foot_skating", "foot_skating_before", "root_drift_mm", "decoder_gradients"] {
+    for name in [
+        "frames",
+        "tokens",
+        "jerk",
+        "jerk_before",
+        "foot_skating",
+        "foot_skating_before",
+        "root_drift_mm",
+        "decoder_gradients",
+    ] {
         assert!(number(name).is_finite(), "{name}");
     }
     assert!(number("control_error_before_cm") >= 10.0, "the anchors pull the motion away: {figures}");
@@ -102,7 +111,13 @@ fn the_viewer_plays_in_a_browser_without_errors() {
     assert!(!text.contains("https://"), "the page must not need a network");
     let checked = instrumented(&page);
     let output = Command::new(browser)
-        .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1280,800", "--virtual-time-budget=4000"])
+        .args([
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--window-size=1280,800",
+            "--virtual-time-budget=4000",
+        ])
         .arg("--dump-dom")
         .arg(format!("--user-data-dir={}", out.path().join("profile").display()))
         .arg(format!("file://{}", checked.display()))
@@ -130,7 +145,10 @@ fn bad_input_says_what_where_and_what_to_do_and_leaves_nothing_behind() {
     let unknown_joint = write("joint.json", r#"{"anchors":[{"time":1.0,"joint":"tail","position":[0,0,0]}]}"#);
     let late = write("late.json", r#"{"anchors":[{"time":900.0,"root":[0,0,0]}]}"#);
     let broken = write("broken.json", r#"{"anchors":["#);
-    let no_body = write("no_body.bvh", "HIERARCHY\nROOT x\n{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n}\nMOTION\nFrames: 1\nFrame Time: 0\n0 0 0\n");
+    let no_body = write(
+        "no_body.bvh",
+        "HIERARCHY\nROOT x\n{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n}\nMOTION\nFrames: 1\nFrame Time: 0\n0 0 0\n",
+    );
     let no_blob = write("no.blob", "hello, this is no blob at all, only text of some length");
     let blocked = write("blocked", "a file where a folder should be");
     let cases: &[(&[&str], &str)] = &[
@@ -165,7 +183,8 @@ fn bad_input_says_what_where_and_what_to_do_and_leaves_nothing_behind() {
 fn an_anchor_out_of_reach_is_met_as_well_as_can_be_and_the_rest_is_reported() {
     let out = folder();
     let anchors = out.path().join("far.json");
-    std::fs::write(&anchors, r#"{"anchors":[{"frame":40,"root":[0,0.9,0.5]},{"frame":41,"root":[10,0.9,0.5]}]}"#).unwrap();
+    std::fs::write(&anchors, r#"{"anchors":[{"frame":40,"root":[0,0.9,0.5]},{"frame":41,"root":[10,0.9,0.5]}]}"#)
+        .unwrap();
     let output = simulate(&["--json", "--anchors", &anchors.to_string_lossy(), "--out", &path(&out, "results")]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let figures = last_line(&output);

@@ -60,7 +60,7 @@ fn cases() -> Vec<Vec<Anchor>> {
         vec![Anchor::root(11, [0.3, 1.0, 0.5]), Anchor::root(27, [0.1, 0.8, 1.0])],
         vec![Anchor::planar_root(0, [0.1, 0.0]), Anchor::planar_root(27, [0.6, 1.1])],
         vec![wrist(3, 20), wrist(3, 21), wrist(19, 15), wrist(27, 20)],
-        vec![Anchor::planar_root(9, [0.2, 0.1]), Anchor::root(20, [0.0, 1.0, 0.2]), wrist(20, 21), wrist(9, 0 + 7)],
+        vec![Anchor::planar_root(9, [0.2, 0.1]), Anchor::root(20, [0.0, 1.0, 0.2]), wrist(20, 21), wrist(9, 7)],
     ]
 }
 

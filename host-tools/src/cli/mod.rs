@@ -71,7 +71,9 @@ pub fn main() -> ExitCode {
         }
         Err(error) => {
             complain(&error);
-            if cli.json && let Some(missed) = error.downcast_ref::<verify::BudgetMissed>() {
+            if cli.json
+                && let Some(missed) = error.downcast_ref::<verify::BudgetMissed>()
+            {
                 // The figures are the result, whether they please or not.
                 say(&missed.report.to_string());
             } else if cli.json {

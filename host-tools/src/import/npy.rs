@@ -71,15 +71,21 @@ pub fn read(path: &Path) -> Result<Array, Error> {
     if npy.order() != npyz::Order::C && shape.len() > 1 {
         return Err(Error::Order { path: path.to_path_buf() });
     }
+    let truncated = || Error::Truncated { path: path.to_path_buf(), announced, bytes };
+    // Before anything is reserved for the announced number.
     if announced.saturating_mul(if wide { 8 } else { 4 }) > bytes {
-        return Err(Error::Truncated { path: path.to_path_buf(), announced, bytes });
+        return Err(truncated());
     }
     let data = if wide {
-        npy.into_vec::<f64>().map_err(failed)?
+        npy.into_vec::<f64>()
     } else {
-        npy.into_vec::<f32>().map_err(failed)?.into_iter().map(f64::from).collect()
+        npy.into_vec::<f32>().map(|narrow| narrow.into_iter().map(f64::from).collect())
     };
-    Ok(Array { shape, data })
+    match data {
+        Ok(data) => Ok(Array { shape, data }),
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Err(truncated()),
+        Err(error) => Err(failed(error)),
+    }
 }
 
 /// Writes an f32 array in row-major order.
@@ -91,4 +97,77 @@ pub fn write(writer: &mut dyn Write, shape: &[usize], data: &[f32]) -> io::Resul
     let mut npy = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(writer).begin_nd()?;
     npy.extend(data.iter())?;
     npy.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A version 1 file with this header and payload.
+    fn file(header: &str, payload: &[u8]) -> Vec<u8> {
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        let header = format!("{header:<117}\n");
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.bytes());
+        bytes.extend(payload);
+        bytes
+    }
+
+    fn header(descr: &str, fortran: &str, shape: &str) -> String {
+        format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}")
+    }
+
+    fn read_bytes(bytes: &[u8]) -> Result<Array, Error> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        std::fs::write(&path, bytes).unwrap();
+        read(&path)
+    }
+
+    #[test]
+    fn both_widths_and_byte_orders() {
+        let values = [1.5f32, -2.0, 0.25, 3.0, 4.0, -0.5];
+        let wide = values.map(f64::from).to_vec();
+        let little: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let big: Vec<u8> = values.iter().flat_map(|x| f64::from(*x).to_be_bytes()).collect();
+        for (descr, payload) in [("<f4", little), (">f8", big)] {
+            let array = read_bytes(&file(&header(descr, "False", "(2, 3)"), &payload)).unwrap();
+            assert_eq!((array.shape.as_slice(), &array.data), (&[2, 3][..], &wide));
+        }
+        let mut bytes = Vec::new();
+        write(&mut bytes, &[3, 2], &values).unwrap();
+        assert_eq!(read_bytes(&bytes).unwrap(), Array { shape: vec![3, 2], data: wide });
+        assert!(write(&mut Vec::new(), &[4, 2], &values).is_err());
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_a_typed_error() {
+        let zeros = [0u8; 48];
+        let of = |descr, fortran, shape| read_bytes(&file(&header(descr, fortran, shape), &zeros)).unwrap_err();
+        assert!(matches!(of("<i4", "False", "(2, 3)"), Error::Type { .. }));
+        assert!(matches!(of("|O", "False", "(2, 3)"), Error::Type { .. }));
+        assert!(matches!(of("<f4", "True", "(2, 3)"), Error::Order { .. }));
+        assert!(matches!(of("<f8", "False", "(7,)"), Error::Truncated { announced: 7, .. }));
+        assert!(matches!(of("<f4", "False", "(4294967296, 4294967296)"), Error::Truncated { .. }));
+        assert!(matches!(of("<f4", "False", "(-1, 3)"), Error::Read { .. }));
+        assert!(matches!(read_bytes(b""), Err(Error::Read { .. })));
+        assert!(matches!(read(Path::new("no/such/file.npy")), Err(Error::Read { .. })));
+    }
+
+    #[test]
+    fn truncated_and_flipped_files_never_panic() {
+        let whole = file(&header("<f4", "False", "(2, 6)"), &[7u8; 48]);
+        for length in 0..whole.len() {
+            assert!(read_bytes(&whole[..length]).is_err(), "{length}");
+        }
+        for at in 0..whole.len() - 48 {
+            for bit in 0..8 {
+                let mut bytes = whole.clone();
+                bytes[at] ^= 1 << bit;
+                if let Ok(array) = read_bytes(&bytes) {
+                    assert_eq!(array.data.len(), array.shape.iter().product::<usize>());
+                }
+            }
+        }
+    }
 }

@@ -101,7 +101,7 @@ impl<'a> State<'a> {
     /// Starts at `u`, which is `origin` when `basis` has functions; `None` when `work` is too short.
     fn new(work: &'a mut [f32], basis: &IntervalBasis<'_>, config: &Config, u: &[f32], origin: &[f32]) -> Option<Self> {
         let tokens = basis.tokens();
-        let n = if tokens > 0 { basis.coefficients() * (u.len() / tokens) } else { 0 };
+        let n = basis.coefficients() * u.len().checked_div(tokens).unwrap_or(0);
         let (x, work) = work.split_at_mut_checked(n)?;
         let (gradient, work) = work.split_at_mut_checked(n)?;
         let (direction, work) = work.split_at_mut_checked(n)?;

@@ -102,9 +102,8 @@ pub fn load(path: &Path, mapping: Option<&Mapping>) -> Result<Recording, Error> 
     };
     let sources = mapping.resolve(&bvh).map_err(|problem| at(0, problem))?;
     let first = mapping.drop_frames.min(bvh.frames());
-    let frames = resample::to_20_fps(&bvh, first);
-    let joints: Vec<Pose> =
-        frames.iter().map(|frame| mapping.pose(&sources, &kinematics::positions(&bvh, frame))).collect();
+    let place = |frame| mapping.pose(&sources, &kinematics::positions(&bvh, &frame));
+    let joints: Vec<Pose> = resample::to_20_fps(&bvh, first).map(place).collect();
     if joints.is_empty() {
         return Err(at(0, Problem::NothingLeft { dropped: first }));
     }

@@ -38,7 +38,7 @@ Frame Time: 0.05
 ";
 
 fn positions(bvh: &Bvh, frame: usize) -> Vec<Vector> {
-    kinematics::positions(bvh, &resample::to_20_fps(bvh, 0)[frame])
+    kinematics::positions(bvh, &resample::to_20_fps(bvh, 0).nth(frame).unwrap())
 }
 
 fn close(a: Vector, b: Vector) {
@@ -114,7 +114,8 @@ fn changed(from: &str, to: &str) -> (usize, Problem) {
 
 #[test]
 fn each_fault_is_named_with_its_line() {
-    let cases: Vec<((usize, Problem), usize, fn(&Problem) -> bool)> = vec![
+    type Case = ((usize, Problem), usize, fn(&Problem) -> bool);
+    let cases: Vec<Case> = vec![
         (problem(""), 0, |p| matches!(p, Problem::Ends { .. })),
         (problem("PNG ..."), 1, |p| matches!(p, Problem::Expected { .. })),
         (changed("OFFSET 0 10 0", "OFFSET 0 10"), 9, |p| matches!(p, Problem::NotANumber { .. })),
@@ -183,6 +184,58 @@ fn deep_nesting_neither_overflows_nor_passes() {
     assert!(matches!(problem(&format!("HIERARCHY ROOT {}", "x ".repeat(100_000))).1, Problem::Expected { .. }));
 }
 
+/// Whatever the bytes, parsing ends with a file or an error, and what parses can be played.
+#[test]
+fn mutated_files_never_panic() {
+    let mut state = 1u64;
+    let mut random = |bound: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % bound
+    };
+    let words = [
+        "{",
+        "}",
+        "JOINT x {",
+        "End Site",
+        "nan",
+        "-1",
+        "1e308",
+        "CHANNELS 1 Xrotation",
+        "Frames: 3",
+        "\n",
+        "MOTION",
+        "\u{e9}",
+    ];
+    let (mut parsed, mut refused) = (0, 0);
+    for _ in 0..20_000 {
+        let mut bytes = SMALL.as_bytes().to_vec();
+        for _ in 0..1 + random(3) {
+            if bytes.is_empty() {
+                break;
+            }
+            let at = random(bytes.len());
+            match random(4) {
+                0 => bytes[at] = random(256) as u8,
+                1 => drop(bytes.drain(at..(at + random(40)).min(bytes.len()))),
+                2 => drop(bytes.splice(at..at, words[random(words.len())].bytes())),
+                _ => bytes.truncate(at.max(1)),
+            }
+        }
+        match parse(&String::from_utf8_lossy(&bytes)) {
+            Ok(bvh) => {
+                let last = positions(&bvh, 0);
+                assert_eq!(last.len(), bvh.joints.len());
+                parsed += 1;
+            }
+            Err((_, problem)) => {
+                assert!(problem.to_string().len() < 400);
+                refused += 1;
+            }
+        }
+    }
+    assert!(parsed > 100 && refused > 1000, "{parsed} {refused}");
+}
+
 /// One joint that walks and turns, at a frame rate.
 fn walk(frame_time: f64, frames: usize) -> Bvh {
     let mut text = String::from(
@@ -201,7 +254,7 @@ fn resampling_keeps_time_and_turns_on_the_arc() {
         [(0.0333333, 128, 85), (0.0333333, 90, 60), (0.05, 7, 7), (0.0083333, 61, 11), (0.1, 4, 7)]
     {
         let bvh = walk(frame_time, frames);
-        let out = resample::to_20_fps(&bvh, 0);
+        let out: Vec<_> = resample::to_20_fps(&bvh, 0).collect();
         assert_eq!(out.len(), expected, "{frame_time} x {frames}");
         for (k, frame) in out.iter().enumerate() {
             let seconds = k as f64 / 20.0;
