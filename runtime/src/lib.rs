@@ -21,6 +21,29 @@
 //! - [`blob`]: the model file: format, manifest, checked zero-copy views.
 //! - [`arena`]: the one allocator over the caller's bytes.
 //!
+//! # Example
+//! ```no_run
+//! use motionette::blob::Aligned;
+//! use motionette::{Anchor, Generator, Model, Request};
+//!
+//! // Any 16-byte aligned bytes in flash.
+//! static BLOB: &Aligned<[u8]> =
+//!     &Aligned(*include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/../models/nano.blob")));
+//!
+//! # fn run(arena: &'static mut [u8]) -> Result<(), Box<dyn core::error::Error>> {
+//! let model = Model::open(&BLOB.0)?; // checks everything, once
+//! let mut generator = Generator::new(model, arena)?;
+//! let tokens = [117, 204, 407, 13, 227, 418, 370, 83];
+//! let right_wrist = 21;
+//! let anchors = [Anchor::root(28, [0.1, 0.9, 1.0]), Anchor::joint(16, right_wrist, [-0.3, 1.4, 0.8])];
+//! let motion = generator.generate(&Request::tokens(&tokens).through(&anchors), &mut ())?;
+//! for frame in motion.frames() {
+//!     let _wrist = frame[right_wrist as usize]; // metres, 20 frames a second
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Features
 //! `default = []`. `defmt`: `defmt::Format` on public types and progress messages; off it costs zero bytes.
 //!

@@ -14,6 +14,15 @@ pub use manifest::{
 };
 pub use tensors::{Tensor, Tensors};
 
+/// Puts what it holds on an [`ALIGNMENT`]-byte boundary, as a blob in flash must be:
+/// `static BLOB: &Aligned<[u8]> = &Aligned(*include_bytes!("nano.blob"));`
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(16))]
+pub struct Aligned<T: ?Sized>(
+    /// What is aligned.
+    pub T,
+);
+
 /// Why a blob was refused. Numbers say what was found and what was expected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
