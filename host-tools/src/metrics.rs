@@ -67,7 +67,7 @@ pub fn root_aligned_distances(a: &Pose, b: &Pose) -> [f64; JOINTS - 1] {
 
 /// Distance of the pelvises in the last frame that both motions have, metres; 0 when there is none.
 pub fn root_drift_end(a: &[Pose], b: &[Pose]) -> f64 {
-    a.iter().zip(b).last().map_or(0.0, |(a, b)| distance(a[0], b[0]))
+    a.iter().zip(b).next_back().map_or(0.0, |(a, b)| distance(a[0], b[0]))
 }
 
 /// How far a motion misses one anchor, metres (EQUATIONS section 9): Euclidean; for Planar-root on the ground plane.

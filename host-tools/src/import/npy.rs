@@ -1,7 +1,6 @@
 //! NumPy arrays of f32 or f64.
 
-use std::fs::File;
-use std::io::{self, BufReader, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use npyz::WriterBuilder;
@@ -40,14 +39,22 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
+    /// The header is not that of an array, or of none this program could hold.
+    #[error("{} is not a NumPy array: {problem}", path.display())]
+    Header {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: &'static str,
+    },
     /// The header announces more values than the file holds or memory could.
-    #[error("{} announces {announced} values but has {bytes} bytes; the file is truncated or not what it says", path.display())]
+    #[error("{} announces {announced} values but has {bytes} bytes for them; the file is truncated or not what it says", path.display())]
     Truncated {
         /// The file.
         path: PathBuf,
         /// Product of the header's shape.
         announced: u64,
-        /// Size of the file.
+        /// Bytes after the header.
         bytes: u64,
     },
 }
@@ -58,34 +65,61 @@ pub enum Error {
 /// [`Error`], naming the file.
 pub fn read(path: &Path) -> Result<Array, Error> {
     let failed = |source| Error::Read { path: path.to_path_buf(), source };
-    let file = File::open(path).map_err(failed)?;
-    let bytes = file.metadata().map_err(failed)?.len();
-    let npy = npyz::NpyFile::new(BufReader::new(file)).map_err(failed)?;
+    let bytes = std::fs::read(path).map_err(failed)?;
+    let (announced, payload) = screen(&bytes).map_err(|problem| Error::Header { path: path.to_path_buf(), problem })?;
+    let npy = npyz::NpyFile::new(bytes.as_slice()).map_err(failed)?;
     let shape: Vec<usize> = npy.shape().iter().map(|&n| n as usize).collect();
-    let announced = npy.shape().iter().try_fold(1u64, |a, &n| a.checked_mul(n)).unwrap_or(u64::MAX);
     let dtype = npy.dtype().descr();
-    let (wide, narrow) = (dtype.contains("f8"), dtype.contains("f4"));
-    if !wide && !narrow {
+    let width = match npy.dtype() {
+        npyz::DType::Plain(kind) if kind.type_char() == npyz::TypeChar::Float => kind.size_field(),
+        _ => 0,
+    };
+    if width != 4 && width != 8 {
         return Err(Error::Type { path: path.to_path_buf(), dtype });
     }
     if npy.order() != npyz::Order::C && shape.len() > 1 {
         return Err(Error::Order { path: path.to_path_buf() });
     }
-    let truncated = || Error::Truncated { path: path.to_path_buf(), announced, bytes };
-    // Before anything is reserved for the announced number.
-    if announced.saturating_mul(if wide { 8 } else { 4 }) > bytes {
-        return Err(truncated());
+    if announced.saturating_mul(width) > payload {
+        return Err(Error::Truncated { path: path.to_path_buf(), announced, bytes: payload });
     }
-    let data = if wide {
-        npy.into_vec::<f64>()
+    let data = if width == 8 {
+        npy.into_vec::<f64>().map_err(failed)?
     } else {
-        npy.into_vec::<f32>().map(|narrow| narrow.into_iter().map(f64::from).collect())
+        npy.into_vec::<f32>().map_err(failed)?.into_iter().map(f64::from).collect()
     };
-    match data {
-        Ok(data) => Ok(Array { shape, data }),
-        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Err(truncated()),
-        Err(error) => Err(failed(error)),
+    Ok(Array { shape, data })
+}
+
+/// Looks a file's header over before the format reader does, which recurses into nested brackets and multiplies sizes unchecked. Returns the
+/// product of the sizes and the number of bytes after the header.
+fn screen(bytes: &[u8]) -> Result<(u64, u64), &'static str> {
+    let length = |size: usize| {
+        let field = bytes.get(8..8 + size)?;
+        Some((8 + size, field.iter().rev().fold(0usize, |n, &b| n << 8 | usize::from(b))))
+    };
+    let (start, length) = match bytes.get(..7) {
+        Some(b"\x93NUMPY\x01") => length(2),
+        Some(b"\x93NUMPY\x02" | b"\x93NUMPY\x03") => length(4),
+        _ => return Err("it does not begin as one"),
     }
+    .ok_or("it ends within the header")?;
+    let header = bytes.get(start..start.saturating_add(length)).ok_or("it ends within the header")?;
+    let count = |brackets: &[u8]| header.iter().filter(|b| brackets.contains(b)).count();
+    if count(b"([{") > 64 || count(b"-") > 64 {
+        return Err("its header is no description of an array");
+    }
+    let after = |text: &str| header.windows(text.len()).position(|w| w == text.as_bytes()).map(|at| at + text.len());
+    let sizes = after("shape").ok_or("its header names no shape")?;
+    let sizes = header[sizes..].split(|&b| b == b')').next().unwrap_or_default();
+    let mut product = 1u64;
+    for run in sizes.split(|b| !b.is_ascii_digit()).filter(|run| !run.is_empty()) {
+        let size = run.iter().try_fold(0u64, |n, b| n.checked_mul(10)?.checked_add(u64::from(b - b'0')));
+        // A size of zero must not hide what the others would multiply to on the way.
+        product =
+            size.and_then(|size| product.checked_mul(size.max(1))).ok_or("its sizes multiply to more than 64 bits")?;
+    }
+    Ok((product, (bytes.len() - start - header.len()) as u64))
 }
 
 /// Writes an f32 array in row-major order.
@@ -148,9 +182,14 @@ mod tests {
         assert!(matches!(of("|O", "False", "(2, 3)"), Error::Type { .. }));
         assert!(matches!(of("<f4", "True", "(2, 3)"), Error::Order { .. }));
         assert!(matches!(of("<f8", "False", "(7,)"), Error::Truncated { announced: 7, .. }));
-        assert!(matches!(of("<f4", "False", "(4294967296, 4294967296)"), Error::Truncated { .. }));
+        assert!(matches!(of("<f4", "False", "(4294967296, 4294967295)"), Error::Truncated { .. }));
+        assert!(matches!(of("<f4", "False", "(4294967296, 4294967296)"), Error::Header { .. }));
+        assert!(matches!(of("<f4", "False", "(0, 4294967296, 4294967296)"), Error::Header { .. }));
+        assert!(matches!(of("<f4", "False", "(99999999999999999999, 2)"), Error::Header { .. }));
         assert!(matches!(of("<f4", "False", "(-1, 3)"), Error::Read { .. }));
-        assert!(matches!(read_bytes(b""), Err(Error::Read { .. })));
+        assert!(matches!(read_bytes(&file(&"(".repeat(60_000), &[])), Err(Error::Header { .. })));
+        assert!(matches!(read_bytes(b"\x93NUMPY\x02\x00\xff\xff\xff\xff{"), Err(Error::Header { .. })));
+        assert!(matches!(read_bytes(b""), Err(Error::Header { .. })));
         assert!(matches!(read(Path::new("no/such/file.npy")), Err(Error::Read { .. })));
     }
 

@@ -10,7 +10,7 @@ use crate::refining::SolverError;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Error {
-    /// The arena is too small for this request; [`Plan::for_request`] says beforehand what is needed.
+    /// The arena is too small for this request; [`Plan::for_request`](crate::Plan::for_request) says beforehand what is needed.
     Arena(ArenaTooSmall),
     /// The processor's floating-point environment would give other bits: rounding to nearest even, subnormal numbers
     /// and NaN payloads must be on (on Cortex-M: FPSCR's RMode, FZ and DN bits zero).
