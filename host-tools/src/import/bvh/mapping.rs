@@ -4,14 +4,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use serde_json::Value;
 
 use super::{Bvh, Problem};
 use crate::motion::quaternion::{self as q, Vector};
 use crate::motion::{JOINTS, Pose, skeleton};
 
-/// Where a SMPL joint comes from.
+/// Where a SMPL joint comes from: in JSON a joint's name, or an object with `from`, `to` and `at`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(untagged)]
+#[serde(try_from = "Value")]
 pub enum Source {
     /// A joint of the file.
     Joint(String),
@@ -24,6 +25,27 @@ pub enum Source {
         /// Where on the line.
         at: f64,
     },
+}
+
+/// Numbers are taken out of a [`Value`]: an untagged enum would not see them where some other crate of the build turns
+/// serde_json's arbitrary precision on.
+impl TryFrom<Value> for Source {
+    type Error = &'static str;
+
+    fn try_from(value: Value) -> Result<Self, Self::Error> {
+        let text = |name: &str| value.get(name).and_then(Value::as_str).map(str::to_owned);
+        match &value {
+            Value::String(joint) => Ok(Self::Joint(joint.clone())),
+            Value::Object(fields) if fields.len() == 3 => {
+                let at = value.get("at").and_then(Value::as_f64);
+                let (Some(from), Some(to), Some(at)) = (text("from"), text("to"), at) else {
+                    return Err("a point between two joints needs their names as `from` and `to` and a number `at`");
+                };
+                Ok(Self::Between { from, to, at })
+            }
+            _ => Err("a joint comes from a joint's name, or from an object with `from`, `to` and `at`"),
+        }
+    }
 }
 
 /// A table from a file's joints to the 22, as read from JSON.
