@@ -1,5 +1,6 @@
 //! Runs the fuzzer for a number of cases, or repeats one. Started by `cargo xtask fuzz`.
 
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -10,19 +11,22 @@ struct Options {
     cases: u64,
     seed: u64,
     first: u64,
+    write_corpus: Option<PathBuf>,
 }
 
-const USAGE: &str = "usage: fuzz [--cases N] [--seed N] [--first N]";
+const USAGE: &str = "usage: fuzz [--cases N] [--seed N] [--first N] | fuzz --write-corpus FOLDER";
 
 fn options() -> Result<Options, String> {
-    let mut options = Options { cases: 20_000, seed: 1, first: 0 };
+    let mut options = Options { cases: 20_000, seed: 1, first: 0, write_corpus: None };
     let mut arguments = std::env::args().skip(1);
     while let Some(name) = arguments.next() {
-        let value = arguments.next().and_then(|text| text.parse().ok()).ok_or(format!("{name} needs a number"))?;
+        let value = arguments.next().ok_or(format!("{name} needs a value"))?;
+        let number = || value.parse().map_err(|_| format!("{name} needs a number, not `{value}`"));
         match name.as_str() {
-            "--cases" => options.cases = value,
-            "--seed" => options.seed = value,
-            "--first" => options.first = value,
+            "--cases" => options.cases = number()?,
+            "--seed" => options.seed = number()?,
+            "--first" => options.first = number()?,
+            "--write-corpus" => options.write_corpus = Some(value.into()),
             _ => return Err(format!("{name} is unknown")),
         }
     }
@@ -30,13 +34,22 @@ fn options() -> Result<Options, String> {
 }
 
 fn main() -> ExitCode {
-    let Options { cases, seed, first } = match options() {
+    let Options { cases, seed, first, write_corpus } = match options() {
         Ok(options) => options,
         Err(message) => {
             eprintln!("{message}\n{USAGE}");
             return ExitCode::FAILURE;
         }
     };
+    if let Some(folder) = write_corpus {
+        return match write(&folder) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(error) => {
+                eprintln!("{}: {error}", folder.display());
+                ExitCode::FAILURE
+            }
+        };
+    }
     let start = Instant::now();
     let progress = |done: u64| {
         if done > 0 && done.is_multiple_of(50_000) {
@@ -46,13 +59,15 @@ fn main() -> ExitCode {
     match fuzz::run(seed, first, cases, progress) {
         Ok(tally) => {
             println!(
-                "{} cases in {:.1} s: blobs {} refused, {} opened; requests {} refused, {} gave a motion",
+                "{} cases in {:.1} s: blobs {} refused, {} opened; requests {} refused, {} gave a motion; files {} refused, {} read",
                 tally.cases,
                 start.elapsed().as_secs_f64(),
                 tally.blobs_refused,
                 tally.blobs_opened,
                 tally.requests_refused,
-                tally.motions
+                tally.motions,
+                tally.files_refused,
+                tally.files_read
             );
             ExitCode::SUCCESS
         }
@@ -65,4 +80,14 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Writes the small models that mutations begin with.
+fn write(folder: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    for (name, tiny) in fuzz::corpus() {
+        std::fs::write(folder.join(format!("{name}.blob")), tiny.bytes())?;
+        println!("{name}.blob: {} bytes", tiny.bytes().len());
+    }
+    Ok(())
 }

@@ -1,10 +1,12 @@
-//! A seeded, structure-aware fuzzer for what reaches the runtime from outside: blobs, tokens, anchors, solver settings.
+//! A seeded, structure-aware fuzzer for what comes from outside: blobs, tokens, anchors and solver settings for the runtime;
+//! recordings, anchor files and checkpoints for the host tools.
 //!
 //! Every case is made from `(seed, case number)` alone, so a failure is repeated by those two numbers. A case fails when
-//! the runtime panics, returns a number that is not finite, takes another amount of memory than it planned, or leaves a
-//! generator behind that no longer gives the right motion.
+//! anything panics, or when the runtime returns a number that is not finite, takes another amount of memory than it planned,
+//! or leaves a generator behind that no longer gives the right motion.
 
 pub mod blobs;
+pub mod files;
 pub mod requests;
 
 use std::panic::{self, AssertUnwindSafe};
@@ -25,7 +27,7 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
         ("wide-rows", Shape { wide: 4, ..base.clone() }),
         ("all-wide", Shape { width: 1, wide: 263, ..base.clone() }),
         ("residual-quantizers", Shape { quantizers: 3, codes: 3, ..base.clone() }),
-        ("published-dilations", Shape { dilations: vec![9, 3, 1], ..base.clone() }),
+        ("published-dilations", Shape { dilations: vec![9, 3, 1], stages: 1, ..base.clone() }),
         ("one-stage", Shape { stages: 1, code_width: 5, ..base.clone() }),
         ("three-stages", Shape { stages: 3, max_tokens: 24, ..base.clone() }),
         ("one-token", Shape { max_tokens: 1, codes: 1, ..base }),
@@ -46,6 +48,10 @@ pub struct Tally {
     pub requests_refused: u64,
     /// Requests that gave a motion.
     pub motions: u64,
+    /// Files that were refused.
+    pub files_refused: u64,
+    /// Files that were read.
+    pub files_read: u64,
 }
 
 /// One failed case.
@@ -61,35 +67,49 @@ pub struct Failure {
 ///
 /// # Errors
 /// [`Failure`].
-pub fn run(seed: u64, first: u64, cases: u64, mut progress: impl FnMut(u64)) -> Result<Tally, Failure> {
+pub fn run(seed: u64, first: u64, cases: u64, progress: impl FnMut(u64)) -> Result<Tally, Failure> {
     let corpus = corpus();
     let mut tally = Tally::default();
-    // A panic is reported as a failure of its case; the default hook would print it a second time.
+    drive(first, cases, progress, |case| one(&corpus, seed, case, &mut tally))?;
+    tally.cases = cases;
+    Ok(tally)
+}
+
+/// Calls `one` for each case until one fails; a panic is a failure of its case.
+///
+/// # Errors
+/// [`Failure`].
+pub fn drive(
+    first: u64,
+    cases: u64,
+    mut progress: impl FnMut(u64),
+    mut one: impl FnMut(u64) -> Result<(), String>,
+) -> Result<(), Failure> {
+    // The panic is reported with its case; the default hook would print it a second time, without.
     let hook = panic::take_hook();
     panic::set_hook(Box::new(|_| {}));
     let outcome = (first..first.saturating_add(cases)).try_for_each(|case| {
         progress(case - first);
-        tally.cases += 1;
-        let fail = |what| Failure { case, what };
-        one(&corpus, seed, case, &mut tally).map_err(fail)
+        let result = panic::catch_unwind(AssertUnwindSafe(|| one(case))).unwrap_or_else(|payload| {
+            let text = payload.downcast_ref::<String>().map(String::as_str);
+            let text = text.or_else(|| payload.downcast_ref::<&str>().copied()).unwrap_or("no message");
+            Err(format!("panicked: {text}"))
+        });
+        result.map_err(|what| Failure { case, what })
     });
     panic::set_hook(hook);
-    outcome.map(|()| tally)
+    outcome
 }
 
-/// Runs one case; a panic becomes an error.
+/// Runs one case.
 fn one(corpus: &[(&str, Tiny)], seed: u64, case: u64, tally: &mut Tally) -> Result<(), String> {
     let mut random = Stream::new(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(case));
     let (name, tiny) = &corpus[random.below(corpus.len() as u32) as usize];
-    let blob = random.below(2) == 0;
-    let work = AssertUnwindSafe(|| match blob {
-        true => blobs::case(tiny, &mut random, tally),
-        false => requests::case(tiny, &mut random, tally),
-    });
-    let result = panic::catch_unwind(work).unwrap_or_else(|payload| {
-        let text = payload.downcast_ref::<String>().map(String::as_str);
-        let text = text.or_else(|| payload.downcast_ref::<&str>().copied()).unwrap_or("no message");
-        Err(format!("panicked: {text}"))
-    });
-    result.map_err(|what| format!("{} of the blob `{name}`: {what}", if blob { "mutation" } else { "request" }))
+    match random.below(5) {
+        0 | 1 => blobs::case(tiny, &mut random, tally).map_err(|what| format!("mutation of the blob `{name}`: {what}")),
+        2 | 3 => {
+            requests::case(tiny, &mut random, tally).map_err(|what| format!("request on the blob `{name}`: {what}"))
+        }
+        _ => files::case(&mut random, tally),
+    }
 }

@@ -1,0 +1,60 @@
+//! The fuzzer itself: its corpus is small and valid, its cases reach both outcomes of every reader, and it notices a panic.
+
+use std::path::Path;
+
+use motionette::{Generator, Model, Request};
+use motionette_tests::fuzz::{self, MAX_BLOB};
+
+/// Blobs of format version 1 as they were written when it was fixed: today's reader must still open them.
+#[test]
+fn committed_blobs_still_open_and_move() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
+    let mut arena = vec![0u8; 1 << 20];
+    for (name, tiny) in fuzz::corpus() {
+        assert!(tiny.bytes().len() <= MAX_BLOB, "{name}: {} bytes", tiny.bytes().len());
+        let bytes = std::fs::read(folder.join(format!("{name}.blob"))).unwrap_or_else(|error| {
+            panic!("{name}.blob: {error}; write it with `cargo run -p motionette-tests --bin fuzz -- --write-corpus tests/corpus`")
+        });
+        assert!(bytes.len() <= MAX_BLOB, "{name}.blob: {} bytes", bytes.len());
+        let mut words = vec![0u128; bytes.len().div_ceil(16)];
+        bytemuck::cast_slice_mut::<u128, u8>(&mut words)[..bytes.len()].copy_from_slice(&bytes);
+        let model = Model::open(&bytemuck::cast_slice::<u128, u8>(&words)[..bytes.len()]);
+        let mut generator = Generator::new(model.expect(name), &mut arena).expect("default floating point");
+        let tokens = vec![0; generator.model().codebooks().quantizers()];
+        let motion = generator.generate(&Request::tokens(&tokens), &mut ()).expect(name);
+        assert_eq!(motion.frames().len(), generator_frames(&tiny), "{name}");
+        assert!(motion.joints().iter().all(|v| v.is_finite()), "{name}");
+    }
+}
+
+fn generator_frames(tiny: &motionette_tests::tiny::Tiny) -> usize {
+    1 << tiny.shape.stages
+}
+
+#[test]
+fn cases_reach_both_outcomes_of_every_reader() {
+    let tally = fuzz::run(2, 0, 600, |_| {}).unwrap_or_else(|f| panic!("case {} of seed 2: {}", f.case, f.what));
+    assert_eq!(tally.cases, 600);
+    let counts = [
+        tally.blobs_refused,
+        tally.blobs_opened,
+        tally.requests_refused,
+        tally.motions,
+        tally.files_refused,
+        tally.files_read,
+    ];
+    assert!(counts.iter().all(|&count| count > 10), "{tally:?}");
+    assert_eq!(fuzz::run(2, 0, 600, |_| {}).ok(), Some(tally), "the same seed gives the same cases");
+}
+
+#[test]
+fn a_panic_is_a_failure_of_its_case() {
+    let list: Vec<u64> = (0..7).collect();
+    let one = |case: u64| if list[case as usize] < 9 { Ok(()) } else { Err("large".to_owned()) };
+    let failure = fuzz::drive(3, 100, |_| {}, one).unwrap_err();
+    assert_eq!(failure.case, 7);
+    assert!(failure.what.starts_with("panicked: index out of bounds"), "{}", failure.what);
+    let failure =
+        fuzz::drive(0, 9, |_| {}, |case| if case == 2 { Err("wrong".to_owned()) } else { Ok(()) }).unwrap_err();
+    assert_eq!((failure.case, failure.what.as_str()), (2, "wrong"));
+}
