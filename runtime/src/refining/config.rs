@@ -1,5 +1,6 @@
 //! What the solver is asked to do: method, budget, weights, basis.
 
+use super::residual_metric::Prior;
 use crate::perception::anchors::{AnchorSet, Family};
 
 /// Most token embeddings a motion may have (196 frames).
@@ -127,6 +128,8 @@ pub struct Config {
     pub tolerance: PerFamily,
     /// Adam's learning rate ([`Method::Published`] only); a mixture of families takes the smallest of theirs.
     pub learning_rate: PerFamily,
+    /// Metric of the residuals ([`Method::QuasiNewton`] only); `None` descends `J` as it is.
+    pub prior: Option<Prior>,
     /// Pairs the quasi-Newton method remembers, 1..=[`MAX_MEMORY`](super::optimiser::lbfgs::MAX_MEMORY).
     pub memory: u8,
     /// Seed of the shuffled activity.
@@ -141,14 +144,15 @@ impl Config {
             evaluations,
             stop_error: 0.001,
             smoothness: 0.1,
-            trust: 1e-5,
+            trust: 1e-6,
             feasibility: 0.0,
             max_step: 0.25,
             basis: Basis::Affine,
             activity: Activity::Residual,
-            ridge: 1.0,
+            ridge: 0.3,
             tolerance: PerFamily::all(0.05),
             learning_rate: PerFamily::all(0.02),
+            prior: Some(Prior::NANO),
             memory: 5,
             seed: 1,
         }
@@ -157,7 +161,13 @@ impl Config {
     /// RouteSolver as published with `steps` Adam steps (RS100, RS200, RS500). The last step's result is evaluated too, so
     /// the budget is one evaluation larger than the number of steps.
     pub const fn published(steps: u16) -> Self {
-        Self { method: Method::Published, evaluations: steps.saturating_add(1), stop_error: 0.0, ..Self::fast(0) }
+        Self {
+            method: Method::Published,
+            evaluations: steps.saturating_add(1),
+            stop_error: 0.0,
+            ridge: 1.0,
+            ..Self::fast(0)
+        }
     }
 }
 

@@ -143,7 +143,7 @@ impl<'a> IntervalBasis<'a> {
     }
 
     /// Turns to `B = I`.
-    pub fn make_direct(&mut self) {
+    fn make_direct(&mut self) {
         for interval in self.intervals.iter_mut().take(self.len) {
             interval.functions = interval.tokens;
         }

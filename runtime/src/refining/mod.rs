@@ -8,6 +8,7 @@
 //! - [`route_solver`]: entry point; RouteSolver as published, `u <- u + P(Adam step)`, and the last steps both methods share.
 //! - [`quasi_newton`]: the fast default, L-BFGS in the coefficients of the interval basis.
 //! - [`objective`]: `J(u)`, its gradient with respect to joint positions, control errors.
+//! - [`residual_metric`]: what integration does to the anchors' residuals, undone; the reason why few evaluations suffice.
 //! - [`interval_basis`]: anchor intervals on the token grid, ridge projection, orthonormal coefficients.
 //! - [`activity`]: how much correction each interval may receive.
 //! - [`optimiser`]: Adam and L-BFGS over plain slices, without knowledge of motion.
@@ -24,11 +25,13 @@ pub mod objective;
 pub mod optimiser;
 pub mod quasi_newton;
 pub mod report;
+pub mod residual_metric;
 pub mod route_solver;
 mod vector;
 
 pub use config::{Activity, Basis, Config, Method, PerFamily};
 pub use report::{ControlError, Report, SolverError, StopReason};
+pub use residual_metric::Prior;
 pub use route_solver::{scratch_len, solve};
 
 /// Wish of whoever watches the work, delivered through a [`MotionMap`] in the middle of it.

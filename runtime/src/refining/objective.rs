@@ -14,6 +14,7 @@ use libm::sqrtf;
 use super::MotionMap;
 use super::config::Config;
 use super::report::ControlError;
+use super::residual_metric::Residuals;
 use super::vector::larger;
 use crate::JOINTS;
 use crate::perception::anchors::{AnchorSet, MAX_ANCHORS};
@@ -100,11 +101,15 @@ impl<'a> Objective<'a> {
 
     /// Clears the map's gradient and gathers that of [`weighted`](Self::weighted) at the motion of the last forward pass.
     pub fn gather(&self, map: &mut impl MotionMap) {
+        let residuals = Residuals::of(self.anchors, map);
+        self.gather_dual(map, &residuals);
+    }
+
+    /// As [`gather`](Self::gather) with `W r` in the place of the residuals r: the gradient with `r^T W r` for `L_anc`.
+    pub fn gather_dual(&self, map: &mut impl MotionMap, dual: &Residuals) {
         map.clear_gradient();
-        for anchor in self.anchors.iter() {
-            let frame = anchor.frame as usize;
-            let residual = anchor.residual(map.position(anchor.joint, frame));
-            map.add_gradient(anchor.joint, frame, scaled(residual, 2.0));
+        for (anchor, vector) in self.anchors.iter().zip(dual.vectors()) {
+            map.add_gradient(anchor.joint, anchor.frame as usize, scaled(vector, 2.0));
         }
         if self.smoothness > 0.0 {
             self.gather_smoothness(map);

@@ -15,6 +15,7 @@ use super::interval_basis::{IntervalBasis, most_coefficients, values_len};
 use super::objective::{Measured, Objective};
 use super::optimiser::adam::Adam;
 use super::report::{Ended, Report, SolverError, StopReason, stopped};
+use super::residual_metric::{Prior, ResidualMetric, Residuals};
 use super::vector::{all_finite, axpy, clear, copy, squared_distance};
 use super::{MotionMap, Stop, quasi_newton};
 use crate::perception::anchors::AnchorSet;
@@ -28,7 +29,7 @@ pub const fn scratch_len(tokens: usize, width: usize, anchors: usize, config: &C
         Method::Published => values_len(tokens, config.basis) + 5 * variable,
         Method::QuasiNewton => {
             let coefficients = most_coefficients(tokens, anchors, config.basis) * width;
-            values_len(tokens, config.basis) + quasi_newton::scratch_len(variable, coefficients, config)
+            values_len(tokens, config.basis) + quasi_newton::scratch_len(variable, coefficients, anchors, config)
         }
     }
 }
@@ -88,6 +89,8 @@ pub fn solve<M: MotionMap>(
 pub(super) struct Point {
     /// `J(u)`, square metres.
     pub objective: f32,
+    /// What is descended: `J(u)` with `r^T W r` for `L_anc` under a metric, `J(u)` without.
+    pub descent: f32,
     /// Terms and errors.
     pub measured: Measured,
 }
@@ -97,6 +100,7 @@ pub(super) struct Run<'a, M> {
     map: &'a mut M,
     pub objective: Objective<'a>,
     pub config: &'a Config,
+    metric: Option<ResidualMetric<'a>>,
     evaluations: u16,
     gradients: u16,
     first: Option<Point>,
@@ -108,7 +112,17 @@ pub(super) struct Run<'a, M> {
 impl<'a, M: MotionMap> Run<'a, M> {
     fn new(map: &'a mut M, anchors: &'a AnchorSet, config: &'a Config) -> Self {
         let objective = Objective::new(anchors, config);
-        Self { map, objective, config, evaluations: 0, gradients: 0, first: None, best: None, current: false }
+        Self {
+            map,
+            objective,
+            config,
+            metric: None,
+            evaluations: 0,
+            gradients: 0,
+            first: None,
+            best: None,
+            current: false,
+        }
     }
 
     pub fn width(&self) -> usize {
@@ -125,24 +139,59 @@ impl<'a, M: MotionMap> Run<'a, M> {
         self.evaluations = self.evaluations.saturating_add(1);
         self.current = false;
         self.map.forward(u)?;
-        let measured = self.objective.measure(self.map);
-        let objective = self.objective.weighted(&measured) + self.config.trust * squared;
-        Ok(if objective.is_finite() { Some(Point { objective, measured }) } else { None })
+        let point = self.measure(squared);
+        Ok(if point.objective.is_finite() && point.descent.is_finite() { Some(point) } else { None })
     }
 
-    /// Declares the point of the last evaluation the best so far.
-    pub fn keep(&mut self, point: Point) {
-        self.best = Some(point);
-        self.current = true;
+    /// The point of the last evaluation.
+    fn measure(&self, squared: f32) -> Point {
+        let measured = self.objective.measure(self.map);
+        let rest = self.config.trust * squared;
+        let objective = self.objective.weighted(&measured) + rest;
+        let descent = match &self.metric {
+            Some(metric) => {
+                let mut residuals = Residuals::of(self.objective.anchors, self.map);
+                let terms = Measured { anchors: metric.apply(&mut residuals), ..measured };
+                self.objective.weighted(&terms) + rest
+            }
+            None => objective,
+        };
+        Point { objective, descent, measured }
+    }
+
+    /// Builds the metric around the motion of the last evaluation, at `squared = ||u - u0||^2`, and returns that point under
+    /// it; `None` when there is no metric to be had.
+    pub fn adopt_metric(&mut self, prior: &Prior, numbers: &'a mut [f32], squared: f32) -> Option<Point> {
+        self.metric = ResidualMetric::new(self.objective.anchors, self.map, prior, numbers);
+        let point = self.measure(squared);
+        if self.metric.is_some() && point.descent.is_finite() {
+            return Some(point);
+        }
+        self.metric = None;
+        None
+    }
+
+    /// Takes the point of the last evaluation for the best so far when none had a smaller `J`.
+    pub fn consider(&mut self, point: Point) -> bool {
+        let better = self.best.is_none_or(|best| point.objective < best.objective);
+        if better {
+            self.best = Some(point);
+            self.current = true;
+        }
         if self.first.is_none() {
             self.first = Some(point);
         }
+        better
     }
 
-    /// `dJ/du` without the trust-region term at the point of the last evaluation.
+    /// Gradient with respect to u of what is descended, without the trust-region term, at the point of the last evaluation.
     pub fn gradient(&mut self, du: &mut [f32]) -> Result<(), Stop> {
         self.gradients = self.gradients.saturating_add(1);
-        self.objective.gather(self.map);
+        let mut dual = Residuals::of(self.objective.anchors, self.map);
+        if let Some(metric) = &self.metric {
+            metric.apply(&mut dual);
+        }
+        self.objective.gather_dual(self.map, &dual);
         self.map.backward(du)
     }
 
@@ -201,19 +250,16 @@ fn adam_steps<M: MotionMap>(
     if run.spent() {
         return Ok(StopReason::Budget);
     }
-    let mut lowest = f32::INFINITY;
     loop {
         let point = match run.evaluate(u, squared_distance(u, origin)) {
             Ok(Some(point)) => point,
-            Ok(None) if lowest == f32::INFINITY => return Err(SolverError::NotFinite),
+            Ok(None) if run.best.is_none() => return Err(SolverError::NotFinite),
             // The step is rejected; Adam's moments would only repeat it.
             Ok(None) => return Ok(StopReason::Stalled),
             Err(stop) => return stopped(stop),
         };
-        if point.objective < lowest {
-            lowest = point.objective;
+        if run.consider(point) {
             copy(best, u);
-            run.keep(point);
         }
         if run.satisfied(&point) {
             return Ok(StopReason::Tolerance);
