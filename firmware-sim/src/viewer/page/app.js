@@ -29,7 +29,8 @@ function syncControls() {
 
 function tick(now) {
   if (player.playing) {
-    const dt = Math.min(0.1, (now - player.last) / 1000);
+    // A frame's time stamp may lie before the moment at which playing was switched on.
+    const dt = Math.max(0, Math.min(0.1, (now - player.last) / 1000));
     player.frame += dt * scene.fps * player.speed;
     if (player.frame >= FRAMES - 1) player.frame = 0;
     dirty = true;
