@@ -68,7 +68,7 @@ impl Checkpoint {
             ("format", FORMAT.to_owned()),
             ("version", VERSION.to_owned()),
             ("config", config.to_string()),
-            ("training", json!(self.config).to_string()),
+            ("training", serde_json::to_string(&self.config).unwrap_or_default()),
         ] {
             file.metadata.insert(entry.to_owned(), text);
         }
