@@ -22,13 +22,14 @@ pub fn cargo() -> Command {
     command
 }
 
-/// The command as one would type it.
+/// The command as one would type it in its folder.
 pub fn display(command: &Command) -> String {
-    let program = Path::new(command.get_program()).file_name().unwrap_or(command.get_program());
-    let words = command
+    let program = command.get_program();
+    let program = if Some(program) == env::var_os("CARGO").as_deref() { OsStr::new("cargo") } else { program };
+    let variables = command
         .get_envs()
         .filter_map(|(key, value)| value.map(|value| format!("{}={}", key.to_string_lossy(), quoted(value))));
-    words.chain([quoted(program)]).chain(command.get_args().map(quoted)).collect::<Vec<_>>().join(" ")
+    variables.chain([quoted(program)]).chain(command.get_args().map(quoted)).collect::<Vec<_>>().join(" ")
 }
 
 fn quoted(word: &OsStr) -> String {
@@ -41,7 +42,7 @@ fn quoted(word: &OsStr) -> String {
 /// # Errors
 /// When it cannot be started or does not exit with 0.
 pub fn run(command: &mut Command) -> Result<()> {
-    eprintln!("$ {}", display(command));
+    announce(command);
     let status = command.status().with_context(|| format!("cannot start `{}`", display(command)))?;
     if !status.success() {
         bail!("`{}` ended with {status}", display(command));
@@ -54,7 +55,7 @@ pub fn run(command: &mut Command) -> Result<()> {
 /// # Errors
 /// When it cannot be started or its output cannot be read.
 pub fn lines(command: &mut Command, mut line: impl FnMut(&str)) -> Result<bool> {
-    eprintln!("$ {}", display(command));
+    announce(command);
     let context = format!("cannot start `{}`", display(command));
     let mut child = command.stdout(Stdio::piped()).spawn().context(context)?;
     if let Some(output) = child.stdout.take() {
@@ -69,6 +70,14 @@ pub fn lines(command: &mut Command, mut line: impl FnMut(&str)) -> Result<bool> 
 pub fn capture(command: &mut Command) -> Option<String> {
     let output = command.stdin(Stdio::null()).stderr(Stdio::null()).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+fn announce(command: &Command) {
+    let folder = command.get_current_dir().and_then(|folder| folder.strip_prefix(root()).ok());
+    match folder.filter(|folder| !folder.as_os_str().is_empty()) {
+        Some(folder) => eprintln!("$ (cd {} && {})", folder.display(), display(command)),
+        None => eprintln!("$ {}", display(command)),
+    }
 }
 
 /// Finds `program` in `PATH`.

@@ -136,23 +136,12 @@ fn fmt() -> Result<()> {
 fn clippy() -> Result<()> {
     setup::ensure_components()?;
     shell::run(shell::cargo().args(["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"]))?;
-    // Debian's cargo has no clippy of its own: lints of the firmware need precompiled targets, its build does not.
-    match Toolchain::ensure()? {
-        Toolchain::Native => {
-            for image in ["twin", "check"] {
-                let mut clippy = Toolchain::Native.cargo("clippy", THUMB_V7);
-                clippy.args(["--locked", "--bin", image, "--features", image]);
-                clippy.arg("--target-dir").arg(firmware::package().join("target/native"));
-                clippy.args(["--", "--deny", "warnings"]).current_dir(firmware::package());
-                shell::run(&mut clippy)?;
-            }
-            Ok(())
-        }
-        Toolchain::Debian => {
-            println!("lints of firmware-sim/cortex-m skipped: they need the precompiled target {THUMB_V7}");
-            Ok(())
-        }
+    let toolchain = Toolchain::ensure()?;
+    for image in ["twin", "check"] {
+        let mut clippy = firmware::image_cargo(toolchain, "clippy", THUMB_V7, image, image);
+        shell::run(clippy.args(["--", "--deny", "warnings"]))?;
     }
+    Ok(())
 }
 
 /// Runs all tests and counts them from cargo's own summary lines.

@@ -20,9 +20,10 @@ pub const THUMB_V7: &str = "thumbv7em-none-eabihf";
 /// Target of the Cortex-M33.
 pub const THUMB_V8: &str = "thumbv8m.main-none-eabihf";
 
-const DEBIAN_PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "lld"];
+const DEBIAN_PACKAGES: [&str; 5] = ["rustc-web", "cargo-web", "rust-web-src", "rust-web-clippy", "lld"];
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
+const DEBIAN_CARGO_CLIPPY: &str = "/usr/bin/cargo-clippy";
 const DEBIAN_SOURCE: &str = "/usr/lib/rustlib/src/rust/library/core/src/lib.rs";
 
 /// A way to compile firmware.
@@ -54,9 +55,11 @@ impl Toolchain {
 
     /// `cargo SUBCOMMAND` for a bare-metal `target`, without a working directory.
     pub fn cargo(self, subcommand: &str, target: &str) -> Command {
-        let mut command = match self {
-            Self::Native => shell::cargo(),
-            Self::Debian => Command::new(DEBIAN_CARGO),
+        let mut command = match (self, subcommand) {
+            (Self::Native, _) => shell::cargo(),
+            // Debian's cargo would start the first cargo-clippy in PATH, which may be another toolchain's.
+            (Self::Debian, "clippy") => Command::new(DEBIAN_CARGO_CLIPPY),
+            (Self::Debian, _) => Command::new(DEBIAN_CARGO),
         };
         command.arg(subcommand);
         if self == Self::Debian {
@@ -113,7 +116,7 @@ fn native() -> bool {
 
 fn debian() -> Result<Toolchain> {
     let complete = || {
-        [DEBIAN_CARGO, DEBIAN_RUSTC, DEBIAN_SOURCE].iter().all(|path| Path::new(path).exists())
+        [DEBIAN_CARGO, DEBIAN_RUSTC, DEBIAN_CARGO_CLIPPY, DEBIAN_SOURCE].iter().all(|path| Path::new(path).exists())
             && find("ld.lld").is_some()
     };
     if !complete() {

@@ -12,6 +12,14 @@ pub fn text_bytes(elf: &[u8]) -> Result<u64> {
     sum(elf, &[".text", ".rodata"])
 }
 
+/// Bytes of `.data`, `.bss` and `.uninit`: static RAM.
+///
+/// # Errors
+/// When `elf` is no 32-bit ELF file.
+pub fn static_ram_bytes(elf: &[u8]) -> Result<u64> {
+    sum(elf, &[".data", ".bss", ".uninit"])
+}
+
 fn sum(elf: &[u8], names: &[&str]) -> Result<u64> {
     let file = parse(elf)?;
     Ok(names.iter().filter_map(|name| file.section_by_name(name)).map(|section| section.size()).sum())

@@ -37,7 +37,7 @@ struct Options {
     check: PathBuf,
     /// Twin image for the Cortex-M33.
     #[arg(long, value_name = "ELF")]
-    m33_image: Option<PathBuf>,
+    m33_image: PathBuf,
     /// Model that the images embed.
     #[arg(long, value_name = "FILE")]
     blob: PathBuf,
@@ -68,8 +68,7 @@ fn main() -> ExitCode {
 
 fn run(options: &Options) -> Result<bool> {
     let limit = Duration::from_secs(options.limit);
-    let mut jobs = vec![(M4, options.image.as_path()), (M7, options.image.as_path())];
-    jobs.extend(options.m33_image.as_deref().map(|image| (M33, image)));
+    let jobs = [(M4, &options.image), (M7, &options.image), (M33, &options.m33_image)];
     // Emulation is single-threaded: the machines run side by side.
     let (desktop, machines) = thread::scope(|scope| {
         let running: Vec<_> = jobs
@@ -156,8 +155,11 @@ fn summary(options: &Options, desktop: &[Digest], machines: &[(Machine, Report)]
     let generator_bytes = largest(|report| report.generator_bytes);
     let used = desktop.iter().map(|digest| digest.arena_used).max().unwrap_or(0);
 
-    println!("stack {stack_bytes} bytes (painted), generator {generator_bytes} bytes");
+    let static_bytes = image::static_ram_bytes(&check)?;
+    let ram_bytes = high_water as u64 + generator_bytes as u64 + static_bytes;
+    println!("stack {stack_bytes} bytes (painted)");
     println!("arena {high_water} bytes (painted), {used} taken by the largest request");
+    println!("RAM {ram_bytes} bytes: arena, generator {generator_bytes}, static data of the runtime {static_bytes}");
     println!(
         "code {text_bytes} bytes in the twin image, {runtime_text_bytes} of the runtime alone (.text + .rodata, no model)"
     );
@@ -183,6 +185,7 @@ fn summary(options: &Options, desktop: &[Digest], machines: &[(Machine, Report)]
             "panic_sites": sites.len(),
             "generator_bytes": generator_bytes,
             "arena_high_water_bytes": high_water,
+            "ram_bytes": ram_bytes,
             "fused_multiply_adds": fused,
         });
         for (machine, report) in machines {

@@ -19,9 +19,6 @@ pub struct Options {
     /// Model to embed and run instead of the bundled one.
     #[arg(long, value_name = "FILE")]
     pub blob: Option<PathBuf>,
-    /// Also run the Cortex-M33 image (QEMU mps2-an505).
-    #[arg(long)]
-    pub m33: bool,
     /// Print what the images log.
     #[arg(long)]
     pub log: bool,
@@ -37,14 +34,11 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<()> {
     setup::ensure(&[&setup::QEMU])?;
     let toolchain = Toolchain::ensure()?;
-    let images = firmware::build(toolchain, THUMB_V7, options.blob.as_deref())?;
+    let v7 = firmware::build(toolchain, THUMB_V7, options.blob.as_deref())?;
+    let v8 = firmware::build(toolchain, THUMB_V8, options.blob.as_deref())?;
     let mut compare = shell::cargo();
-    compare.args(["run", "--quiet", "--package", "motionette-twin", "--"]);
-    compare.arg("--image").arg(&images.twin).arg("--check").arg(&images.check);
-    if options.m33 {
-        let images = firmware::build(toolchain, THUMB_V8, options.blob.as_deref())?;
-        compare.arg("--m33-image").arg(&images.twin);
-    }
+    compare.args(["run", "--quiet", "--package", "motionette-twin", "--", "--image"]).arg(&v7.twin);
+    compare.arg("--m33-image").arg(&v8.twin).arg("--check").arg(&v7.check);
     let blob = options.blob.clone().unwrap_or_else(|| shell::root().join(BUNDLED_BLOB));
     compare.arg("--blob").arg(std::path::absolute(blob)?);
     compare.args(options.log.then_some("--log")).args(options.json.then_some("--json"));
