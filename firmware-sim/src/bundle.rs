@@ -5,14 +5,13 @@
 
 use anyhow::{Context, bail};
 use clap::Args;
-use motionette::motion::skeleton::NAMES;
-use motionette::{Anchor, Model, Request, Target};
+use motionette::{Anchor, Model, Request};
 use motionette_host::dataset::Dataset;
 use motionette_host::reference::Tokenizer;
 use motionette_host::verify::runtime_token;
 use motionette_host::{anchors_file, checkpoint, output};
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::PathBuf;
 
 use crate::session;
@@ -125,7 +124,12 @@ impl Cmd {
             let tokens: Vec<u16> = ids.into_iter().map(runtime_token).collect();
             let anchors = placed(&model, &tokens).with_context(|| format!("clip {id}"))?;
             let caption = clip.info.captions.first().map(|c| c.text.clone()).unwrap_or_default();
-            clips.push(Clip { id: id.clone(), caption, tokens, anchors: anchors_json(&anchors) });
+            clips.push(Clip {
+                id: id.clone(),
+                caption,
+                tokens,
+                anchors: serde_json::from_str(&anchors_file::text(&anchors)?)?,
+            });
         }
         let bundle = Bundle {
             checkpoint: checkpoint::file_hash(&self.checkpoint)?,
@@ -147,7 +151,8 @@ fn placed(model: &Model<'_>, tokens: &[u16]) -> anyhow::Result<Vec<Anchor>> {
     let moved = |share: f64, joint: usize, by: [f32; 3]| {
         let frame = at(share);
         let [x, y, z] = frames[frame][joint];
-        (frame as u16, [x + by[0], y + by[1], z + by[2]])
+        // To the millimetre, as a person would write it.
+        (frame as u16, [x + by[0], y + by[1], z + by[2]].map(|v| (v * 1000.0).round() / 1000.0))
     };
     let (left_wrist, right_wrist) = (20, 21);
     let mut anchors = Vec::new();
@@ -161,21 +166,4 @@ fn placed(model: &Model<'_>, tokens: &[u16]) -> anyhow::Result<Vec<Anchor>> {
     }
     anchors.sort_by_key(|anchor| anchor.frame);
     Ok(anchors)
-}
-
-/// Anchors as in an anchors file, rounded to millimetres.
-fn anchors_json(anchors: &[Anchor]) -> Value {
-    let millimetres = |v: f32| (f64::from(v) * 1000.0).round() / 1000.0;
-    let list: Vec<Value> = anchors
-        .iter()
-        .map(|anchor| match anchor.target {
-            Target::Root(p) => json!({"frame": anchor.frame, "root": p.map(millimetres)}),
-            Target::PlanarRoot(p) => json!({"frame": anchor.frame, "planar_root": p.map(millimetres)}),
-            Target::Joint { joint, position } => {
-                let name = NAMES.get(usize::from(joint)).copied().unwrap_or("pelvis");
-                json!({"frame": anchor.frame, "joint": name, "position": position.map(millimetres)})
-            }
-        })
-        .collect();
-    json!({"anchors": list})
 }

@@ -91,7 +91,11 @@ pub fn write(path: &Path, anchors: &[Anchor]) -> Result<(), Error> {
     output::write_atomic(path, |w| w.write_all(text.as_bytes())).map_err(Error::Write)
 }
 
-fn text(anchors: &[Anchor]) -> Result<String, Error> {
+/// The text of such a file.
+///
+/// # Errors
+/// [`Error::NotFinite`] and [`Error::NoSuchJoint`] for anchors the file cannot hold.
+pub fn text(anchors: &[Anchor]) -> Result<String, Error> {
     let mut text = String::from("{\"anchors\": [");
     for (index, anchor) in anchors.iter().enumerate() {
         let (field, coordinates): (&'static str, &[f32]) = match &anchor.target {

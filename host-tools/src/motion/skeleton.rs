@@ -2,31 +2,7 @@
 
 use super::JOINTS;
 
-/// Joint names in the order of every array.
-pub const NAMES: [&str; JOINTS] = [
-    "pelvis",
-    "left_hip",
-    "right_hip",
-    "spine1",
-    "left_knee",
-    "right_knee",
-    "spine2",
-    "left_ankle",
-    "right_ankle",
-    "spine3",
-    "left_foot",
-    "right_foot",
-    "neck",
-    "left_collar",
-    "right_collar",
-    "head",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-];
+pub use motionette::motion::skeleton::NAMES;
 
 /// Index of the left hip.
 pub const LEFT_HIP: usize = 1;
