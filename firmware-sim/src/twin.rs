@@ -60,7 +60,7 @@ fn shape(index: usize) -> Shape {
         6 => (13, PlanarRoot(3), fast(6)),
         7 => (14, Joint(3), fast(6)),
         8 => (17, Mixed(4), fast(6)),
-        9 => (9, Mixed(12), fast(5)),
+        9 => (9, Mixed(12), fast(8)),
         10 => (10, Root(3), published(4, Basis::Affine, Activity::Residual)),
         11 => (11, PlanarRoot(2), published(3, Basis::Plain, Activity::Residual)),
         12 => (12, Joint(4), published(3, Basis::Transport, Activity::Uniform)),
