@@ -137,7 +137,11 @@ pub struct Config {
 }
 
 impl Config {
-    /// The fast default with a budget of decoder evaluations.
+    /// The fast default with a budget of decoder evaluations. Chosen on val clips with K = 2, 4, 8 anchors of each family:
+    /// - trust 1e-6: ten times more leaves 3 mm at K = 2, none lets `||u - u0||` grow by a fifth;
+    /// - smoothness 0.1 does not show; 3 takes 4 to 10 % off the jerk and costs body points a quarter more error;
+    /// - ridge 0 to 1, memory 3 to 8 and other bases move the error by less than a fifth;
+    /// - the metric divides the error after 20 evaluations by six.
     pub const fn fast(evaluations: u16) -> Self {
         Self {
             method: Method::QuasiNewton,
