@@ -163,8 +163,9 @@ impl Config {
     }
 
     /// RouteSolver as published with `steps` Adam steps (RS100, RS200, RS500). The last step's result is evaluated too, so
-    /// the budget is one evaluation larger than the number of steps. Learning rate and ridge are those with the smallest
-    /// control error at 200 steps on val clips, in every family (`solver_grid` example of the simulator).
+    /// the budget is one evaluation larger than the number of steps. The learning rate is the largest that keeps jerk near
+    /// the start's on val clips, not the one with the smallest error: 0.2 and 0.4 halve the error again at more jerk and
+    /// distance (the simulator's `solver_grid` example makes such a grid).
     pub const fn published(steps: u16) -> Self {
         Self { method: Method::Published, evaluations: steps.saturating_add(1), stop_error: 0.0, ..Self::fast(0) }
     }
