@@ -4,7 +4,6 @@ use motionette_host::dataset::{Dataset, Split};
 
 use super::checkpoint::Checkpoint;
 use super::config::Config;
-use super::schedule::Plan;
 use super::state::State;
 use super::training::Trainer;
 use super::{Error, metrics};
