@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use motionette_host::dataset::{Dataset, Split};
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::Error;
 use super::checkpoint::Checkpoint;

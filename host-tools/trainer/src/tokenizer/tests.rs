@@ -7,6 +7,7 @@ use super::config::Config;
 use super::state::State;
 use super::training::Trainer;
 use super::{Error, metrics};
+use crate::schedule::Plan;
 use crate::{tensor_file, testing};
 
 fn tiny() -> Config {
