@@ -107,6 +107,8 @@ fn assemble(
         frame_rate: checkpoint.config.fps.round() as u16,
         max_tokens: MAX_TOKENS as u16,
         decoder: decoder.clone(),
+        text: None,
+        planner: None,
         self_test,
         tensor_count: narrow::<u16>(tensors.len(), "number of tensors")?,
     };

@@ -9,8 +9,9 @@ mod tensors;
 
 pub use header::{ALIGNMENT, HEADER_LEN, Header, MAGIC, MAJOR, MINOR, crc32};
 pub use manifest::{
-    Card, DType, DecoderConfig, MAX_BLOCKS, MAX_NAME, MAX_STAGES, MAX_TENSORS, Manifest, Representation, SelfTest,
-    TensorEntry,
+    Activation, Card, DType, DecoderConfig, MAX_BANK, MAX_BLOCKS, MAX_LAYERS, MAX_NAME, MAX_STAGES, MAX_TENSORS,
+    MAX_VOCABULARY, Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry, TextConfig,
+    TransformerConfig,
 };
 pub use tensors::{Tensor, Tensors};
 
