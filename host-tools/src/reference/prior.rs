@@ -2,32 +2,10 @@
 
 use super::planner::{Context, Planner, Window};
 use super::real::Real;
-use super::text::{self, TextEncoder, Words};
+use super::text::{self, TextEncoder};
 use super::tmd::{Settings, Tmd};
 use crate::checkpoint::TokenizerCheckpoint;
 use crate::checkpoint::prior::PriorCheckpoint;
-
-/// Why a prompt could not be used.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum PromptError {
-    /// No word in it.
-    #[error("the prompt has no word; say what the motion is")]
-    Empty,
-    /// Nothing in it is in the vocabulary.
-    #[error("none of the prompt's {words} words is in the vocabulary; `motionette inspect` lists it")]
-    OnlyUnknown {
-        /// Words.
-        words: usize,
-    },
-    /// More words than the encoder has places for.
-    #[error("the prompt has {words} words, at most {limit} are allowed; say it shorter")]
-    TooLong {
-        /// Words.
-        words: usize,
-        /// Places.
-        limit: usize,
-    },
-}
 
 /// What a motion is planned from: a text, how strongly it guides, and what is known of the motion.
 #[derive(Debug, Clone)]
@@ -69,24 +47,6 @@ impl<T: Real> Prior<T> {
             text: TextEncoder::new(checkpoint),
             planner: Planner::new(checkpoint),
             tmd: Tmd::new(codebook, c.code_dim, c.c, c.a),
-        }
-    }
-
-    /// The words of a prompt.
-    ///
-    /// # Errors
-    /// [`PromptError`].
-    pub fn read(&self, prompt: &str) -> Result<Words, PromptError> {
-        let words = self.text.vocabulary.read(prompt);
-        let (count, limit) = (words.ids.len(), self.text.max_words);
-        if count == 0 {
-            Err(PromptError::Empty)
-        } else if count > limit {
-            Err(PromptError::TooLong { words: count, limit })
-        } else if words.unknown.len() == count {
-            Err(PromptError::OnlyUnknown { words: count })
-        } else {
-            Ok(words)
         }
     }
 

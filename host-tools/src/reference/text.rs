@@ -28,6 +28,28 @@ const ENDINGS: [(&str, &str); 13] = [
     ("", "ing"),
 ];
 
+/// Why a prompt could not be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PromptError {
+    /// No word in it.
+    #[error("the prompt has no word; say what the motion is")]
+    Empty,
+    /// Nothing in it is in the vocabulary.
+    #[error("none of the prompt's {words} words is in the vocabulary; `motionette inspect` lists it")]
+    OnlyUnknown {
+        /// Words.
+        words: usize,
+    },
+    /// More words than the encoder has places for.
+    #[error("the prompt has {words} words, at most {limit} are allowed; say it shorter")]
+    TooLong {
+        /// Words.
+        words: usize,
+        /// Places.
+        limit: usize,
+    },
+}
+
 /// The words of a prompt.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Words {
@@ -126,6 +148,24 @@ impl<T: Real> TextEncoder<T> {
             norm: LayerNorm::new(&text.norm, config.epsilon),
             length: Linear::new(&text.length),
             width: config.text.width,
+        }
+    }
+
+    /// The words of a prompt, as many as can be encoded.
+    ///
+    /// # Errors
+    /// [`PromptError`].
+    pub fn read(&self, prompt: &str) -> Result<Words, PromptError> {
+        let words = self.vocabulary.read(prompt);
+        let (count, limit) = (words.ids.len(), self.max_words);
+        if count == 0 {
+            Err(PromptError::Empty)
+        } else if count > limit {
+            Err(PromptError::TooLong { words: count, limit })
+        } else if words.unknown.len() == count {
+            Err(PromptError::OnlyUnknown { words: count })
+        } else {
+            Ok(words)
         }
     }
 

@@ -55,6 +55,15 @@ pub struct Embedding {
     pub weight: Vec<f32>,
 }
 
+impl Embedding {
+    /// The rows as outputs of a convolution of one tap, without bias.
+    #[must_use]
+    pub fn as_convolution(&self) -> Conv1d {
+        let Self { name, rows, width, weight } = self.clone();
+        Conv1d { name, outputs: rows, inputs: width, kernel: 1, weight, bias: vec![0.0; rows] }
+    }
+}
+
 /// `(x - mean) / sqrt(variance + epsilon) * weight + bias`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LayerNorm {
