@@ -125,10 +125,9 @@ fn another_tokenizer_is_refused() {
     other.codebooks[0][4] += 1e-6;
     let kind = prior.check_tokenizer(&other).expect_err("another codebook");
     assert!(matches!(&kind, ErrorKind::OtherTokenizer { expected, actual } if expected != actual), "{kind}");
-    for change in [|c: &mut motionette_host::checkpoint::Config| c.codes = 7, |c| c.code_dim = 4, |c| c.quantizers = 2]
-    {
+    for (codes, code_dim, quantizers) in [(7, 3, 1), (6, 4, 1), (6, 3, 2)] {
         let mut other = tokenizer_checkpoint();
-        change(&mut other.config);
+        (other.config.codes, other.config.code_dim, other.config.quantizers) = (codes, code_dim, quantizers);
         let kind = prior.check_tokenizer(&other).expect_err("other sizes");
         assert!(matches!(kind, ErrorKind::Option { .. }), "{kind}");
     }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::real::Real;
 use super::transformer::{Block, Embedding, LayerNorm, Linear, softmax};
-use crate::checkpoint::prior::PriorCheckpoint;
+use crate::checkpoint::prior::{MAX_WORD, PriorCheckpoint};
 
 /// Id of the unconditional prompt.
 pub const NONE: u16 = 0;
@@ -102,6 +102,9 @@ impl Vocabulary {
             let doubled = last.is_ascii_alphabetic() && !"aeiou".contains(last) && letters.next() == Some(last);
             doubled.then(|| &stem[..stem.len() - 1])
         };
+        if word.len() > MAX_WORD {
+            return None;
+        }
         self.ids
             .get(word)
             .or_else(|| ENDINGS.into_iter().find_map(with))

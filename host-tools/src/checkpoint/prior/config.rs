@@ -19,6 +19,8 @@ const MAX_EXTENT: usize = 1 << 12;
 const MAX_ROWS: usize = 1 << 15;
 /// Most layers.
 const MAX_LAYERS: usize = 64;
+/// Longest word, bytes: longer ones are unknown to every vocabulary.
+pub const MAX_WORD: usize = 32;
 /// Longest prompt and longest motion, in words and tokens.
 const MAX_LENGTH: usize = 256;
 
@@ -173,8 +175,9 @@ impl PriorConfig {
         }
         let mut seen = std::collections::HashSet::new();
         for word in words {
-            if word.is_empty() || word.contains('\n') || !seen.insert(word) {
-                return refuse(word.clone(), "different words without line breaks".into());
+            if word.is_empty() || word.len() > MAX_WORD || word.contains('\n') || !seen.insert(word) {
+                let expected = format!("different words of at most {MAX_WORD} bytes without line breaks");
+                return refuse(word.clone(), expected);
             }
         }
         Ok(())

@@ -7,7 +7,7 @@ mod config;
 
 use std::path::Path;
 
-pub use config::{Activation, BOUNDARIES, NONE, NormOrder, PriorConfig, Sizes, TIMES, UNKNOWN};
+pub use config::{Activation, BOUNDARIES, MAX_WORD, NONE, NormOrder, PriorConfig, Sizes, TIMES, UNKNOWN};
 
 use super::error::{Error, ErrorKind, Result};
 use super::tensors::TensorMap;
