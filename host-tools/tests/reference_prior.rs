@@ -362,7 +362,7 @@ fn fixed_tokens_stay_and_leave_the_draws_of_the_others_alone() {
             assert!((0..9).filter(|i| ![2, 7].contains(i)).all(|i| a[i] == b[i]));
         }
         let times = Tmd::<f64>::times(schedule, 6);
-        assert!(times[0] == 0.0 && (times[6] - 1.0).abs() < 1e-12);
+        assert_eq!((times[0], times[6]), (0.0, 1.0));
         assert!(times.windows(2).all(|w| w[0] < w[1]));
     }
 }

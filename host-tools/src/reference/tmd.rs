@@ -132,14 +132,19 @@ impl<T: Real> Tmd<T> {
         tokens.iter().map(|&x| choose(&self.marginal(x, t), stream.unit()).map_or(x, |i| i as u16)).collect()
     }
 
-    /// Times of the steps and the end, `[S + 1]`.
+    /// Times of the steps and the end, `[S + 1]`: singles, so that which row of the table of times a step takes does not depend on the
+    /// precision of everything else.
     #[must_use]
     pub fn times(schedule: Schedule, steps: usize) -> Vec<f64> {
-        let share = |k: usize| k as f64 / steps as f64;
-        match schedule {
-            Schedule::Uniform => (0..=steps).map(share).collect(),
-            Schedule::Cosine => (0..=steps).map(|k| 1.0 - (core::f64::consts::FRAC_PI_2 * share(k)).cos()).collect(),
-        }
+        let time = |k: usize| {
+            let share = k as f32 / steps as f32;
+            match schedule {
+                Schedule::Uniform => share,
+                Schedule::Cosine if k == steps => 1.0,
+                Schedule::Cosine => 1.0 - f64::from(core::f32::consts::FRAC_PI_2 * share).cos() as f32,
+            }
+        };
+        (0..=steps).map(|k| f64::from(time(k))).collect()
     }
 
     /// Samples `length` tokens. `logits` gives `[L][V]` for the present tokens and the time. Returns the tokens after every step; the

@@ -65,11 +65,10 @@ impl<T: Real> Linear<T> {
 }
 
 /// `ROWS` rows times one panel.
-fn products<T: Real>(panel: &[[T; LANES]], rows: [&[T]; ROWS], bias: [T; LANES]) -> [[T; LANES]; ROWS] {
+fn products<T: Real>(panel: &[[T; LANES]], [a, b, c, d]: [&[T]; ROWS], bias: [T; LANES]) -> [[T; LANES]; ROWS] {
     let mut sums = [bias; ROWS];
-    for (i, w) in panel.iter().enumerate() {
-        for (sums, x) in sums.iter_mut().zip(rows) {
-            let x = x[i];
+    for ((((w, &a), &b), &c), &d) in panel.iter().zip(a).zip(b).zip(c).zip(d) {
+        for (sums, x) in sums.iter_mut().zip([a, b, c, d]) {
             for (sum, &w) in sums.iter_mut().zip(w) {
                 *sum += x * w;
             }

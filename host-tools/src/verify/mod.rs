@@ -4,6 +4,7 @@
 //! solvers. What two solvers make of the same anchors is reported apart ([`solvers`]). [`layers`] says where the error comes from.
 
 pub mod layers;
+pub mod planner;
 pub mod solvers;
 
 use motionette::blob::TransformerConfig;
@@ -60,6 +61,12 @@ pub enum Error {
         clip: String,
         /// Why.
         source: EncodeError,
+    },
+    /// No clip to compare planners with.
+    #[error("the dataset has no {split:?} clip with a caption of the vocabulary; choose another split or dataset")]
+    NoCaptions {
+        /// The split asked for.
+        split: Split,
     },
     /// No clip to verify with.
     #[error("the dataset has no {split:?} clip of at least {least} frames; choose another split or dataset")]
