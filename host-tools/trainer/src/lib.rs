@@ -3,6 +3,8 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`tokenizer`] | the motion tokenizer: a VQ-VAE |
+//! | [`evaluator`] | the judge of generated motion |
+//! | [`evaluate`] | tables of figures of generated motion |
 //! | [`convolution`] | convolution along time on the framework |
 //! | [`optimizer`] | AdamW with averaged weights |
 //! | [`normalization`] | mean and deviation of features |
@@ -15,9 +17,13 @@
 #![deny(unsafe_code)]
 
 pub mod convolution;
+pub mod evaluate;
+pub mod evaluator;
 pub mod normalization;
 pub mod optimizer;
 pub mod random;
+pub mod run;
+pub mod schedule;
 pub mod tensor_file;
 #[cfg(test)]
 mod testing;

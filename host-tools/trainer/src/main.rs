@@ -1,7 +1,7 @@
 //! Command line of the trainer.
 
 use clap::Parser;
-use motionette_train::tokenizer;
+use motionette_train::{evaluate, evaluator, tokenizer};
 
 /// Trains motionette's models on motion capture.
 #[derive(Parser)]
@@ -9,10 +9,16 @@ use motionette_train::tokenizer;
 enum Command {
     /// Trains or measures the motion tokenizer.
     Tokenizer(tokenizer::command::Args),
+    /// Trains or measures the judge of generated motion.
+    Evaluator(evaluator::command::Args),
+    /// Measures generated motion and writes the table.
+    Evaluate(evaluate::command::Args),
 }
 
 fn main() -> anyhow::Result<()> {
     match Command::parse() {
         Command::Tokenizer(args) => tokenizer::command::run(&args),
+        Command::Evaluator(args) => evaluator::command::run(&args),
+        Command::Evaluate(args) => evaluate::command::run(&args),
     }
 }

@@ -1,0 +1,103 @@
+//! `motionette-train evaluate`: measures generated motion and writes the table.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use motionette_host::checkpoint::file_hash;
+use motionette_host::dataset::{Dataset, Split};
+use motionette_host::motion::features::{Bones, Options, extract};
+use motionette_host::motion::mirror::mirror_joints;
+use motionette_host::parallel;
+use serde_json::json;
+
+use super::codec::Codec;
+use super::prior::{Bench, Generate};
+use super::report::{self, Facts};
+use crate::evaluator::judge::Judge;
+use crate::run::finish;
+
+/// Which table.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Table {
+    /// Text to motion: real motion, tokenizer, f32 reference, int8 runtime, shuffled text.
+    Prior,
+}
+
+/// Measures generated motion with the evaluator and writes the table as Markdown and JSON.
+#[derive(clap::Args, Clone, Debug)]
+pub struct Args {
+    /// Which table.
+    #[arg(long, value_enum)]
+    pub table: Table,
+    /// Dataset file.
+    #[arg(long, value_name = "FILE", default_value = "data/pack.mds")]
+    pub data: PathBuf,
+    /// The evaluator's checkpoint.
+    #[arg(long, value_name = "FILE", default_value = "models/evaluator.safetensors")]
+    pub evaluator: PathBuf,
+    /// The tokenizer's checkpoint.
+    #[arg(long, value_name = "FILE", default_value = "models/nano.safetensors")]
+    pub tokenizer: PathBuf,
+    /// Folder of the table.
+    #[arg(short, long, value_name = "FOLDER", default_value = "docs/results")]
+    pub out: PathBuf,
+    /// Motions for every caption, at least 2.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(2..))]
+    pub seeds: u64,
+    /// Uses only the first captions.
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(2..))]
+    pub limit: Option<u64>,
+    /// Prints the table's JSON on the last line.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Anything that is wrong with arguments, files or generators, with context.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let dataset = Dataset::load(&args.data)?;
+    let judge = Judge::load(&args.evaluator)
+        .context("the evaluator cannot be used; make one with motionette-train evaluator")?;
+    let codec = Codec::load(&args.tokenizer)?;
+    eprintln!("tokens of the training split");
+    let training = training_tokens(&dataset, &codec);
+    let generators: Vec<(&str, Box<Generate<'_>>)> = Vec::new();
+    let bench = Bench {
+        judge: &judge,
+        codec: &codec,
+        dataset: &dataset,
+        training: &training,
+        generators: &generators,
+        seeds: args.seeds,
+    };
+    let limit = args.limit.map_or(usize::MAX, |count| usize::try_from(count).unwrap_or(usize::MAX));
+    let tables = bench.tables(limit, &|text| eprintln!("{text}"))?;
+    let facts = Facts {
+        seeds: args.seeds,
+        files: hashes(&[&args.data, &args.evaluator, &args.tokenizer])?,
+        command: "motionette-train evaluate --table prior".to_owned(),
+        generation: json!({}),
+    };
+    report::save(&args.out, &tables, &facts)?;
+    eprintln!("{}", args.out.join("prior.md").display());
+    finish(args.json, &report::json(&tables, &facts))
+}
+
+/// Token sequences of the training split and of its mirrored twins.
+fn training_tokens(dataset: &Dataset, codec: &Codec) -> Vec<Vec<u16>> {
+    let clips: Vec<_> = dataset.split(Split::Train).collect();
+    let options = Options { bones: Bones::Keep, ..Options::default() };
+    let twins = parallel::map(&clips, |clip| extract(&mirror_joints(clip.joints), &options).unwrap_or_default());
+    let own = clips.iter().map(|clip| codec.encode(clip.features));
+    own.chain(twins.iter().map(|features| codec.encode(features))).collect()
+}
+
+fn hashes(paths: &[&Path]) -> anyhow::Result<Vec<(String, String)>> {
+    let hash = |path: &&Path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok((name, file_hash(path)?))
+    };
+    paths.iter().map(hash).collect()
+}
