@@ -3,10 +3,14 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`tokenizer`] | the motion tokenizer: a VQ-VAE |
+//! | [`prior`] | text encoder and planner: tokens from text |
 //! | [`evaluator`] | the judge of generated motion |
 //! | [`evaluate`] | tables of figures of generated motion |
-//! | [`convolution`] | convolution along time on the framework |
+//! | [`convolution`], [`transformer`] | layers on the framework |
 //! | [`optimizer`] | AdamW with averaged weights |
+//! | [`schedule`] | learning rate, end of a run |
+//! | [`run`] | what the commands have in common |
+//! | [`chart`] | line diagrams |
 //! | [`normalization`] | mean and deviation of features |
 //! | [`tensor_file`] | named tensors and text as safetensors |
 //! | [`random`] | random numbers by seed and step |
@@ -16,11 +20,13 @@
 
 #![deny(unsafe_code)]
 
+pub mod chart;
 pub mod convolution;
 pub mod evaluate;
 pub mod evaluator;
 pub mod normalization;
 pub mod optimizer;
+pub mod prior;
 pub mod random;
 pub mod run;
 pub mod schedule;
@@ -28,3 +34,4 @@ pub mod tensor_file;
 #[cfg(test)]
 mod testing;
 pub mod tokenizer;
+pub mod transformer;

@@ -15,6 +15,7 @@ use super::prior::{Bench, Generate};
 use super::report::{self, Facts};
 use crate::evaluator::judge::Judge;
 use crate::run::finish;
+use crate::tokenizer::config::{FEATURES, FRAMES_PER_TOKEN};
 
 /// Which table.
 #[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,13 +86,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     finish(args.json, &report::json(&tables, &facts))
 }
 
-/// Token sequences of the training split and of its mirrored twins.
+/// Token sequences of the training split and of its mirrored twins, begun at each frame of a token.
 fn training_tokens(dataset: &Dataset, codec: &Codec) -> Vec<Vec<u16>> {
     let clips: Vec<_> = dataset.split(Split::Train).collect();
     let options = Options { bones: Bones::Keep, ..Options::default() };
     let twins = parallel::map(&clips, |clip| extract(&mirror_joints(clip.joints), &options).unwrap_or_default());
-    let own = clips.iter().map(|clip| codec.encode(clip.features));
-    own.chain(twins.iter().map(|features| codec.encode(features))).collect()
+    let motions: Vec<&[f32]> = clips.iter().map(|clip| clip.features).chain(twins.iter().map(Vec::as_slice)).collect();
+    let begun = |features: &[f32], frame: usize| codec.encode(features.get(frame * FEATURES..).unwrap_or_default());
+    motions.iter().flat_map(|features| (0..FRAMES_PER_TOKEN).map(|frame| begun(features, frame))).collect()
 }
 
 fn hashes(paths: &[&Path]) -> anyhow::Result<Vec<(String, String)>> {

@@ -54,7 +54,8 @@ mod tests {
         let mut found = 0;
         for _ in 0..4000 {
             let mut draw = |n: usize| -> Vec<u16> { (0..n).map(|_| random.below(2) as u16).collect() };
-            let (tokens, other) = (draw(11), draw(9 + 2 * draw(3).iter().sum::<u16>() as usize));
+            let longer = usize::from(draw(3).iter().sum::<u16>());
+            let (tokens, other) = (draw(11), draw(9 + 2 * longer));
             let equal = |shift: isize| {
                 let pair = |i: usize| other.get(usize::try_from(i as isize + shift).ok()?).map(|x| *x == tokens[i]);
                 (0..tokens.len()).filter(|i| pair(*i) == Some(true)).count()

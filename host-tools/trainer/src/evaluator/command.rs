@@ -13,6 +13,7 @@ use super::judge::Judge;
 use super::objective::Terms;
 use super::state::State;
 use super::training::Trainer;
+use crate::evaluate::prompt::prompts;
 use crate::evaluate::real;
 use crate::run::{changed, finish, with_suffix};
 
@@ -114,10 +115,10 @@ fn train(args: &Args, trainer: &mut Trainer, dataset: &Dataset, state_path: &Pat
     Ok(())
 }
 
-/// Figures of real motion by split, printed as well.
+/// Figures of real motion by split, of the splits that have labels; printed as well.
 fn figures(judge: &Judge, dataset: &Dataset, splits: &[Split]) -> anyhow::Result<Value> {
     let mut all = serde_json::Map::new();
-    for split in splits {
+    for split in splits.iter().filter(|split| !prompts(dataset, **split).is_empty()) {
         let report = real::measure(judge, dataset, *split)?;
         println!("{split}: {report}");
         all.insert(split.to_string(), json!(report));

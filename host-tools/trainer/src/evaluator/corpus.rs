@@ -10,15 +10,15 @@ use motionette_host::parallel;
 use super::Error;
 use super::config::{Config, MAX_FRAMES, MIN_FRAMES};
 use super::motion;
-use super::text::{Vocabulary, mirrored_label, mirrored_words, words};
 use crate::normalization::Normalization;
+use crate::prior::captions::{UNKNOWN, Vocabulary, mirrored};
 use crate::random::Random;
 
 /// Shortest part of a motion that a crop keeps.
 const SHORTEST_CROP: f64 = 0.5;
 
 /// What the heads and the text encoder can name.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Labels {
     /// Words.
     pub vocabulary: Vocabulary,
@@ -70,7 +70,7 @@ pub struct Batch {
 struct Raw {
     joints: Vec<Pose>,
     features: Vec<f32>,
-    captions: Vec<Vec<String>>,
+    captions: Vec<String>,
     content: Option<String>,
     style: Option<String>,
 }
@@ -89,7 +89,7 @@ impl Corpus {
             return Err(Error::NoMotion { split: Split::Train });
         }
         let both = parallel::map(&clips, |clip| -> Result<[Raw; 2], Error> {
-            let captions: Vec<Vec<String>> = clip.info.captions.iter().map(|caption| words(&caption.text)).collect();
+            let captions: Vec<String> = clip.info.captions.iter().map(|caption| caption.text.clone()).collect();
             let content = label(clip.info, "content");
             let style = label(clip.info, "style").map(str::to_owned);
             let raw = |joints: &[Pose], captions, content| -> Result<Raw, Error> {
@@ -98,10 +98,11 @@ impl Corpus {
                 let joints = joints[..joints.len().min(MAX_FRAMES)].to_vec();
                 Ok(Raw { joints, features: prepared.features, captions, content, style: style.clone() })
             };
-            let twins = captions.iter().map(|caption| mirrored_words(caption)).collect();
+            let twins = captions.iter().map(|caption| mirrored(caption)).collect();
+            let other_side = |label: &str| mirrored(label).replace(' ', "-");
             Ok([
                 raw(clip.joints, captions, content.map(str::to_owned))?,
-                raw(&mirror_joints(clip.joints), twins, content.map(mirrored_label))?,
+                raw(&mirror_joints(clip.joints), twins, content.map(other_side))?,
             ])
         });
         let mut raw = Vec::with_capacity(2 * clips.len());
@@ -110,14 +111,14 @@ impl Corpus {
         }
         let sorted = |values: BTreeSet<&String>| values.into_iter().cloned().collect::<Vec<_>>();
         let labels = Labels {
-            vocabulary: Vocabulary::of(raw.iter().flat_map(|r| &r.captions).map(Vec::as_slice)),
+            vocabulary: Vocabulary::of(raw.iter().flat_map(|r| &r.captions).map(String::as_str)),
             contents: sorted(raw.iter().filter_map(|r| r.content.as_ref()).collect()),
             styles: sorted(raw.iter().filter_map(|r| r.style.as_ref()).collect()),
         };
         let normalization = Normalization::of(raw.iter().map(|r| r.features.as_slice()));
         let example = |raw: Raw| Example {
             features: normalization.apply(&raw.features),
-            captions: raw.captions.iter().map(|words| clipped(labels.vocabulary.numbers(words), max_words)).collect(),
+            captions: raw.captions.iter().map(|caption| encoded(&labels.vocabulary, caption, max_words)).collect(),
             content: raw.content.and_then(|name| labels.contents.binary_search(&name).ok()),
             style: raw.style.and_then(|name| labels.styles.binary_search(&name).ok()),
             joints: raw.joints,
@@ -187,13 +188,13 @@ impl Corpus {
     }
 }
 
-/// The first `max_words` words; [`super::text::UNKNOWN`] for a sentence without any.
-pub(super) fn clipped(mut sentence: Vec<usize>, max_words: usize) -> Vec<usize> {
-    sentence.truncate(max_words);
-    if sentence.is_empty() {
-        sentence.push(super::text::UNKNOWN);
+/// Numbers of a sentence's first `max_words` words; the unknown word for a sentence without any.
+pub(super) fn encoded(vocabulary: &Vocabulary, sentence: &str, max_words: usize) -> Vec<usize> {
+    let mut numbers = vocabulary.encode(sentence, max_words);
+    if numbers.is_empty() {
+        numbers.push(UNKNOWN);
     }
-    sentence
+    numbers
 }
 
 /// At least half of a motion at a tempo up to `tempo` faster or slower.

@@ -15,9 +15,9 @@ use super::config::Config;
 use super::corpus::{self, Labels};
 use super::model::{self, Network};
 use super::motion;
-use super::text::{Vocabulary, words};
 use crate::convolution::Shape;
 use crate::normalization::Normalization;
+use crate::prior::captions::Vocabulary;
 use crate::tensor_file::TensorFile;
 
 /// Value of `format` in the metadata.
@@ -32,9 +32,9 @@ const BATCH: usize = 32;
 pub struct Judgement<'a> {
     /// `[embedding]`, unit length.
     pub embedding: Vec<f64>,
-    /// Most likely content.
+    /// Most likely content; empty when the evaluator knows none.
     pub content: &'a str,
-    /// Most likely style.
+    /// Most likely style; empty when the evaluator knows none.
     pub style: &'a str,
 }
 
@@ -104,8 +104,7 @@ impl Judge {
 
     /// Embeddings of sentences, `[embedding]` each, unit length.
     pub fn texts(&self, sentences: &[&str]) -> Vec<Vec<f64>> {
-        let numbers =
-            |sentence: &&str| corpus::clipped(self.labels.vocabulary.numbers(&words(sentence)), self.config.max_words);
+        let numbers = |sentence: &&str| corpus::encoded(&self.labels.vocabulary, sentence, self.config.max_words);
         let batches = sentences.chunks(BATCH);
         batches
             .flat_map(|part| {
@@ -123,7 +122,7 @@ impl Judge {
         let config = json!({
             "contents": self.labels.contents,
             "styles": self.labels.styles,
-            "vocabulary": self.labels.vocabulary.words(),
+            "vocabulary": self.labels.vocabulary.words,
             "steps": self.steps,
             "data_hash": self.data_hash,
             "metrics": metrics,
@@ -162,13 +161,7 @@ impl Judge {
         let config: Config = file.parsed("training")?;
         config.check()?;
         let facts: Facts = file.parsed("config")?;
-        let named = |names: &Vec<String>, field| match names.is_empty() {
-            true => Err(Error::Setting { field, value: "empty".into(), allowed: "at least one name" }),
-            false => Ok(()),
-        };
-        named(&facts.contents, "contents")?;
-        named(&facts.styles, "styles")?;
-        let vocabulary = Vocabulary::from_words(facts.vocabulary);
+        let vocabulary = Vocabulary::new(facts.vocabulary);
         let labels = Labels { vocabulary, contents: facts.contents, styles: facts.styles };
         let mut parameters = Vec::new();
         for shape in model::shapes(&config, &labels) {

@@ -3,7 +3,6 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`config`] | sizes, schedule, weights of the objective |
-//! | [`text`] | words, vocabulary, left and right exchanged |
 //! | [`motion`] | the one road from joints to features; crops, tempo, joined motions |
 //! | [`corpus`] | training examples with mirrored twins, random batches |
 //! | [`model`] | motion encoder, text encoder, classification heads |
@@ -26,7 +25,6 @@ pub mod objective;
 pub mod state;
 #[cfg(test)]
 pub(crate) mod tests;
-pub mod text;
 pub mod training;
 
 use std::path::PathBuf;

@@ -35,7 +35,7 @@ pub fn shapes(config: &Config, labels: &Labels) -> Vec<Shape> {
     shapes.push(layer("motion.embedding".into(), hidden, embedding, 1));
     shapes.push(layer("motion.content".into(), hidden, labels.contents.len().max(1), 1));
     shapes.push(layer("motion.style".into(), hidden, labels.styles.len().max(1), 1));
-    shapes.push(layer("text.words".into(), labels.vocabulary.size(), word_width, 1));
+    shapes.push(layer("text.words".into(), labels.vocabulary.words.len().max(2), word_width, 1));
     shapes.push(layer("text.context".into(), word_width, hidden, 3));
     shapes.push(layer("text.trunk".into(), hidden, hidden, 1));
     shapes.push(layer("text.embedding".into(), hidden, embedding, 1));
