@@ -36,7 +36,7 @@ pub struct Motion {
     pub tokens: Vec<u16>,
 }
 
-/// The clips of a split that a table is about, with their place in the dataset: labelled, captioned, 0.9 s or more.
+/// The clips of a split that a table is about, with their place in the dataset: labelled, captioned, three tokens or more.
 pub fn labelled(dataset: &Dataset, split: Split) -> Vec<(usize, ClipView<'_>)> {
     let fits = |clip: &ClipView<'_>| {
         clip.info.split == split

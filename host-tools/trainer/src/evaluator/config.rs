@@ -7,8 +7,8 @@ use crate::schedule;
 
 /// Longest motion that is judged, frames; longer ones are cut. One more than a model's 49 tokens.
 pub const MAX_FRAMES: usize = 197;
-/// Shortest motion of the corpus, frames: 0.9 s.
-pub const MIN_FRAMES: usize = 18;
+/// Shortest motion that is learnt from and measured, frames: three tokens.
+pub const MIN_FRAMES: usize = 12;
 
 /// Everything that decides a run beside the dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -76,7 +76,7 @@ struct Raw {
 }
 
 impl Corpus {
-    /// Takes every captioned clip of the training split that lasts 0.9 s, and its mirrored twin.
+    /// Takes every captioned clip of the training split that lasts three tokens, and its mirrored twin.
     ///
     /// # Errors
     /// [`Error::NoMotion`] when there is none, [`Error::Features`] when one has no features.

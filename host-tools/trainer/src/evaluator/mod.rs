@@ -48,7 +48,7 @@ pub enum Error {
         allowed: &'static str,
     },
     /// A split has no clip with a caption that is long enough.
-    #[error("the dataset has no {split} clip of 0.9 s or more with a caption; import clips of that split")]
+    #[error("the dataset has no {split} clip of 12 frames or more with a caption; import clips of that split")]
     NoMotion {
         /// The split.
         split: Split,

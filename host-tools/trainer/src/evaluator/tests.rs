@@ -319,7 +319,7 @@ fn the_command_trains_resumes_and_measures() {
     command::run(&args).unwrap();
     let unlabelled = Judge::load(&folder.path().join("out/evaluator.safetensors")).unwrap();
     assert_eq!(unlabelled.motion(dataset(6, 60).clip(0).joints).unwrap().content, "");
-    dataset(6, 12).save(&args.data).unwrap();
+    dataset(6, 10).save(&args.data).unwrap();
     refused(args, "no train clip");
 }
 
