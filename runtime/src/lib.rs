@@ -71,6 +71,7 @@ pub mod motion;
 pub mod nn;
 pub mod perception;
 pub mod plan;
+pub mod planning;
 pub mod refining;
 
 pub use generator::{Error, Flow, Generator, Motion, Observer, Progress, Request, Source, Stage};

@@ -208,6 +208,8 @@ impl Tiny {
                 dilations: shape.dilations.iter().copied().collect(),
                 features: FEATURES,
             },
+            text: None,
+            planner: None,
             self_test: SelfTest { seed: 0, tokens: 0, hash: 0 },
             tensor_count: writer.entries.len() as u16,
         };

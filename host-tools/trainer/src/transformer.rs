@@ -381,7 +381,7 @@ mod tests {
 
     #[test]
     fn padding_changes_nothing() {
-        let device = Device::flex();
+        let device = Device::flex().autodiff();
         let (x, memory) = (noise(2 * 5 * 6, 1), noise(2 * 3 * 4, 2));
         let values = start();
         let (_, both) = run(&values, &[5, 2], &x, &memory, &device);

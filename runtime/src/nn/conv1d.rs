@@ -55,7 +55,7 @@ pub struct Rows<'a> {
 impl<'a> Rows<'a> {
     /// `count` rows of `width` channels from row `first` on; fewer where the sequence ends.
     #[inline]
-    fn window(&self, first: usize, count: usize, width: usize) -> Rows<'a> {
+    pub(super) fn window(&self, first: usize, count: usize, width: usize) -> Rows<'a> {
         let q = self.q.get(first * width..).unwrap_or(&[]);
         let scales = self.scales.get(first..).unwrap_or(&[]);
         Rows { q: q.get(..count * width).unwrap_or(q), scales: scales.get(..count).unwrap_or(scales) }

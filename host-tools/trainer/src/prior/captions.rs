@@ -189,7 +189,7 @@ mod tests {
         let clip = dataset.clip(1);
         let mut random = Random::new(1, 1);
         let said: BTreeSet<String> =
-            (0..300).map(|_| paraphrases.draw(&clip, &clip.info.captions[0].text, &mut random)).collect();
+            (0..2000).map(|_| paraphrases.draw(&clip, &clip.info.captions[0].text, &mut random)).collect();
         assert!(said.contains("a weary robot waves the left hand"), "{said:?}");
         assert!(said.contains("waves the left hand as if exhausted"), "{said:?}");
         let known = Vocabulary::of(

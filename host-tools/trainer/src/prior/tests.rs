@@ -106,7 +106,7 @@ fn bad_input_is_refused() {
     refused(Args { set: vec!["charm=1".into()], ..good() }, "charm");
     refused(Args { set: vec!["dropout=1.5".into()], ..good() }, "dropout");
     refused(Args { set: vec!["architecture.planner.heads=5".into()], ..good() }, "heads");
-    refused(Args { tokenizer: good().data, ..good() }, "F32");
+    refused(Args { tokenizer: good().data, ..good() }, "offsets");
     refused(Args { resume: true, ..good() }, "cannot read");
     run(&good()).unwrap();
     refused(Args { resume: true, seed: Some(9), ..good() }, "configuration");
