@@ -8,7 +8,7 @@ pub mod planner;
 pub mod solvers;
 
 use motionette::blob::TransformerConfig;
-use motionette::{Generator, Limits, Plan, Request};
+use motionette::{Generator, Request};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
