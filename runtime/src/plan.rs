@@ -4,6 +4,7 @@ use crate::JOINTS;
 use crate::arena::bytes_of;
 use crate::model::Model;
 use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
+use crate::planning;
 use crate::refining::{self, Config};
 
 /// The largest request that is to be served.
@@ -15,14 +16,23 @@ pub struct Limits {
     pub anchors: usize,
     /// Refinement.
     pub refinement: Config,
+    /// Planning from text; `None` for tokens and embeddings.
+    pub planning: Option<planning::Limits>,
 }
 
 /// Bytes and work of the largest request inside some [`Limits`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Plan {
     /// Arena bytes in all, from a 16-byte boundary: exactly what [`crate::Generator`] takes.
+    ///
+    /// Tokens lie below everything. Planning comes first and leaves nothing else behind: decoding and refinement take its
+    /// place, so the larger of the two counts.
     pub arena_bytes: usize,
-    /// Of these, bytes of the decoder's layers (the finished joints lie there too).
+    /// Of these, bytes of the tokens.
+    pub token_bytes: usize,
+    /// Bytes of planning, in the place of what follows.
+    pub planning_bytes: usize,
+    /// Bytes of the bytes of the decoder's layers (the finished joints lie there too).
     pub decoder_bytes: usize,
     /// Bytes of the features and their gradient.
     pub feature_bytes: usize,
@@ -36,7 +46,9 @@ pub struct Plan {
     pub evaluations: u32,
     /// Decoder gradients at most.
     pub gradients: u32,
-    /// Multiply-accumulates at most.
+    /// Multiply-accumulates of planning at most: text read, all steps with all their passes.
+    pub planning_macs: u64,
+    /// Multiply-accumulates at most, in all.
     pub macs: u64,
 }
 
@@ -72,12 +84,21 @@ impl Plan {
             solver_bytes = bytes_of::<f32>(scratch);
             steps = u32::from(limits.refinement.evaluations);
         }
+        let token_bytes = bytes_of::<u16>(tokens * model.codebooks().quantizers());
+        let (mut planning_bytes, mut planning_macs) = (0, 0);
+        if let (Some(limits), Some(modules)) = (&limits.planning, model.planning()) {
+            planning_bytes = modules.bytes(tokens, limits);
+            planning_macs = modules.macs(tokens, limits);
+        }
+        let rest = decoder_bytes + feature_bytes + path_bytes + embedding_bytes + solver_bytes;
         let whole = decoder.macs(tokens, &channels(u32::MAX));
         // The most expensive choice of joints: as many as there are anchors, from the first on.
         let mask = (1u64 << (1 + if limits.anchors < JOINTS { limits.anchors } else { JOINTS })) - 1;
         let partial = decoder.macs(tokens, &channels(mask as u32));
         Plan {
-            arena_bytes: decoder_bytes + feature_bytes + path_bytes + embedding_bytes + solver_bytes,
+            arena_bytes: token_bytes + if planning_bytes > rest { planning_bytes } else { rest },
+            token_bytes,
+            planning_bytes,
             decoder_bytes,
             feature_bytes,
             path_bytes,
@@ -85,7 +106,8 @@ impl Plan {
             solver_bytes,
             evaluations: steps + 1,
             gradients: steps,
-            macs: whole + 2 * u64::from(steps) * partial,
+            planning_macs,
+            macs: planning_macs + whole + 2 * u64::from(steps) * partial,
         }
     }
 }

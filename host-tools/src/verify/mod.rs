@@ -8,7 +8,7 @@ pub mod planner;
 pub mod solvers;
 
 use motionette::blob::TransformerConfig;
-use motionette::{Generator, Limits, Plan, Request};
+use motionette::{Generator, Request};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
@@ -247,13 +247,8 @@ pub struct RuntimeMotion {
 pub fn run(blob: &BlobFile, clip: &str, request: &Request<'_>) -> Result<RuntimeMotion, Error> {
     let model = blob.model()?;
     let failed = |source| Error::Runtime { clip: clip.to_owned(), source };
-    let tokens = match request.source {
-        motionette::Source::Tokens(tokens) => tokens.len() / model.codebooks().quantizers(),
-        motionette::Source::Embeddings(u) => u.len() / model.decoder().code_width(),
-    };
-    let anchors = if request.refinement.is_some() { request.anchors.len() } else { 0 };
-    let limits = Limits { tokens, anchors, refinement: request.refinement.unwrap_or_default() };
-    let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(16)];
+    let plan = Generator::new(model.clone(), &mut []).and_then(|generator| generator.plan(request)).map_err(failed)?;
+    let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(16)];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(failed)?;
     let motion = generator.generate(request, &mut ()).map_err(failed)?;
     Ok(RuntimeMotion { u: motion.u().to_vec(), joints: motion.frames().to_vec(), refinement: motion.refinement })

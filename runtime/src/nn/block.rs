@@ -223,9 +223,10 @@ impl<'a> Block<'a> {
 
     /// Multiply-accumulates of a row that attends to `keys` own keys and `memory` rows of memory.
     fn macs(&self, heads: Heads, keys: usize, memory: usize) -> u64 {
-        let cross = self.cross.as_ref().map_or(0, |cross| {
-            cross.query.macs() + cross.out.macs() + attention::macs(heads, memory)
-        });
+        let cross = self
+            .cross
+            .as_ref()
+            .map_or(0, |cross| cross.query.macs() + cross.out.macs() + attention::macs(heads, memory));
         let own = self.qkv.macs() + self.out.macs() + attention::macs(heads, keys);
         own + cross + self.up.macs() + self.down.macs()
     }

@@ -60,13 +60,8 @@ impl<'a> Text<'a> {
         if encoder.is_none() && bank.get(bank::NONE).is_none() {
             return Err(Error::Config { what: "text.bank without <none>", found: bank.len() as u32, limit: 0 });
         }
-        let text = Text {
-            width: usize::from(config.width),
-            max_words: usize::from(config.max_words),
-            encoder,
-            length,
-            bank,
-        };
+        let text =
+            Text { width: usize::from(config.width), max_words: usize::from(config.max_words), encoder, length, bank };
         below(text.length.bound(text.bound()), MAX_INPUT, index)?;
         Ok(text)
     }

@@ -3,7 +3,7 @@
 //! `x_i = embedding[w_i] + position[i]`, blocks with self-attention, `memory = LN(x)`, `pooled = mean over i`.
 
 use super::text::Vocabulary;
-use crate::blob::{Error, TextConfig, Tensors, TransformerConfig};
+use crate::blob::{Error, Tensors, TextConfig, TransformerConfig};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes, Stack};
 use crate::nn::embedding::Embedding;
@@ -25,11 +25,7 @@ impl<'a> TextEncoder<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
-    pub fn open(
-        tensors: &mut Tensors<'a>,
-        text: &TextConfig<'a>,
-        config: TransformerConfig,
-    ) -> Result<Self, Error> {
+    pub fn open(tensors: &mut Tensors<'a>, text: &TextConfig<'a>, config: TransformerConfig) -> Result<Self, Error> {
         let vocabulary = Vocabulary::new(text.vocabulary);
         let words = u16::try_from(vocabulary.len()).map_err(|_| Error::Manifest)?;
         let embedding = Embedding::open(tensors, words, config.width)?;

@@ -187,9 +187,9 @@ mod tests {
         let mut stream = Stream::new(5);
         let mut counts = [0.0; 5];
         for _ in 0..draws {
-            counts[usize::from(sampling.propose(&mut logits(), &mut stream))] += 1.0 / f64::from(draws);
+            counts[usize::from(sampling.propose(&mut logits(), &mut stream))] += 1.0;
         }
-        counts.to_vec()
+        counts.map(|count: f64| count / f64::from(draws)).to_vec()
     }
 
     /// Largest difference of drawn shares from `expected`, in standard deviations.
@@ -225,7 +225,7 @@ mod tests {
             assert!(deviation(sample, expected) < 4.5, "{temperature}");
             assert!(deviation(Sampling::Gumbel { temperature }, expected) < 4.5, "{temperature}");
             // The test can fail.
-            assert!(deviation(sample, powered(f64::from(temperature) * 1.1)) > 4.5);
+            assert!(deviation(sample, powered(f64::from(temperature) * 1.25)) > 4.5);
         }
     }
 
@@ -268,9 +268,11 @@ mod tests {
             }
             stream
         };
-        for (sampling, draws) in
-            [(Sampling::default(), 1), (Sampling::Sample { temperature: 2.0, top_k: 2, top_p: 0.5 }, 1), (Sampling::Gumbel { temperature: 1.0 }, 5)]
-        {
+        for (sampling, draws) in [
+            (Sampling::default(), 1),
+            (Sampling::Sample { temperature: 2.0, top_k: 2, top_p: 0.5 }, 1),
+            (Sampling::Gumbel { temperature: 1.0 }, 5),
+        ] {
             let mut stream = Stream::new(8);
             let _ = sampling.propose(&mut logits(), &mut stream);
             assert_eq!(stream, after(draws), "{sampling:?}");
@@ -298,10 +300,7 @@ mod tests {
         let sample = |temperature, top_p| Sampling::Sample { temperature, top_k: 0, top_p };
         for bad in [0.0, -1.0, f32::NAN, f32::INFINITY, 1001.0] {
             assert!(matches!(sample(bad, 1.0).check(), Err(SamplingError::Temperature { .. })), "{bad}");
-            assert!(matches!(
-                Sampling::Gumbel { temperature: bad }.check(),
-                Err(SamplingError::Temperature { .. })
-            ));
+            assert!(matches!(Sampling::Gumbel { temperature: bad }.check(), Err(SamplingError::Temperature { .. })));
         }
         for bad in [0.0, -0.5, f32::NAN, 1.01] {
             assert!(matches!(sample(1.0, bad).check(), Err(SamplingError::TopP { .. })), "{bad}");

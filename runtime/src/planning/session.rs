@@ -3,7 +3,7 @@
 use super::length;
 use super::request::Planning;
 use super::sampling::Sampling;
-use super::tmd::{Metric, Step};
+use super::tmd::{Metric, Step, Tmd};
 use super::transformer::{Condition, Input, Planner};
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::decoding::codebook::Codebooks;
@@ -206,11 +206,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
     /// # Errors
     /// A [`PromptError`] in the outer result; in the inner one [`Interrupted`] when `check` says so, which is asked behind
     /// every block.
-    pub fn read(
-        &mut self,
-        prompt: &Prompt<'_>,
-        check: Check<'_>,
-    ) -> Result<Result<Heard, Interrupted>, PromptError> {
+    pub fn read(&mut self, prompt: &Prompt<'_>, check: Check<'_>) -> Result<Result<Heard, Interrupted>, PromptError> {
         let rows = self.modules.text.rows(prompt)?;
         let heard = match *prompt {
             Prompt::Text(text) => self.modules.text.ids(text, self.words)?,
@@ -272,6 +268,12 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         };
         let condition = if none { &mut self.none } else { &mut self.text };
         planner.read(memory, self.pooled, condition, &mut self.scratch, check)
+    }
+
+    /// The sampler's constants.
+    #[must_use]
+    pub const fn tmd(&self) -> &'m Tmd {
+        self.modules.planner.tmd()
     }
 
     /// The length that the text suggests, tokens.
@@ -345,13 +347,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
     }
 
     /// Draws a proposal for every position of the last pass, and moves `tokens` towards it: the whole way without `step`.
-    pub fn advance(
-        &mut self,
-        planning: &Planning<'_>,
-        step: Option<&Step>,
-        stream: &mut Stream,
-        tokens: &mut [u16],
-    ) {
+    pub fn advance(&mut self, planning: &Planning<'_>, step: Option<&Step>, stream: &mut Stream, tokens: &mut [u16]) {
         let (count, codes) = (tokens.len(), self.modules.planner.codes().max(1));
         let sampling: Sampling = planning.sampling;
         for first in (0..count).step_by(BLOCK) {
