@@ -234,6 +234,8 @@ pub fn names_checkpoint(blob: &BlobFile, hash: &str) -> Result<bool, Error> {
 pub struct RuntimeMotion {
     /// Embeddings `[L][du]` it was decoded from.
     pub u: Vec<f32>,
+    /// Tokens `[L][Q]` it was decoded from; empty for embeddings.
+    pub tokens: Vec<u16>,
     /// Joints, metres.
     pub joints: Vec<Pose>,
     /// What the refinement did.
@@ -251,7 +253,12 @@ pub fn run(blob: &BlobFile, clip: &str, request: &Request<'_>) -> Result<Runtime
     let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(16)];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(failed)?;
     let motion = generator.generate(request, &mut ()).map_err(failed)?;
-    Ok(RuntimeMotion { u: motion.u().to_vec(), joints: motion.frames().to_vec(), refinement: motion.refinement })
+    Ok(RuntimeMotion {
+        u: motion.u().to_vec(),
+        tokens: motion.tokens().to_vec(),
+        joints: motion.frames().to_vec(),
+        refinement: motion.refinement,
+    })
 }
 
 /// Verifies `blob` against `checkpoint` over `sequences`; `solver_clips` of them also compare the solvers. `progress` is called once a clip.

@@ -1,6 +1,6 @@
 //! `motionette-train evaluate`: measures generated motion and writes the table.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context;
 use motionette_host::checkpoint::file_hash;
@@ -8,9 +8,9 @@ use motionette_host::dataset::{Dataset, Split};
 use motionette_host::motion::features::{Bones, Options, extract};
 use motionette_host::motion::mirror::mirror_joints;
 use motionette_host::parallel;
-use serde_json::json;
 
 use super::codec::Codec;
+use super::generators;
 use super::prior::{Bench, Generate};
 use super::report::{self, Facts};
 use crate::evaluator::judge::Judge;
@@ -22,6 +22,17 @@ use crate::tokenizer::config::{FEATURES, FRAMES_PER_TOKEN};
 pub enum Table {
     /// Text to motion: real motion, tokenizer, f32 reference, int8 runtime, shuffled text.
     Prior,
+}
+
+/// Who generates motion.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// Nobody.
+    None,
+    /// The f32 reference.
+    Reference,
+    /// The int8 runtime.
+    Runtime,
 }
 
 /// Measures generated motion with the evaluator and writes the table as Markdown and JSON.
@@ -39,6 +50,17 @@ pub struct Args {
     /// The tokenizer's checkpoint.
     #[arg(long, value_name = "FILE", default_value = "models/nano.safetensors")]
     pub tokenizer: PathBuf,
+    /// The prior's checkpoint, for the f32 reference.
+    #[arg(long, value_name = "FILE", default_value = "models/nano.prior.safetensors")]
+    pub prior: PathBuf,
+    /// The quantised model, for the runtime.
+    #[arg(long, value_name = "FILE", default_value = "models/nano.blob")]
+    pub blob: PathBuf,
+    /// Rows of generated motion that are made, `none` for none of them.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "reference,runtime")]
+    pub generate: Vec<Origin>,
+    #[command(flatten)]
+    pub generation: generators::Options,
     /// Folder of the table.
     #[arg(short, long, value_name = "FOLDER", default_value = "docs/results")]
     pub out: PathBuf,
@@ -64,7 +86,17 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let codec = Codec::load(&args.tokenizer)?;
     eprintln!("tokens of the training split");
     let training = training_tokens(&dataset, &codec);
-    let generators: Vec<(&str, Box<Generate<'_>>)> = Vec::new();
+    let mut files = vec![&args.data, &args.evaluator, &args.tokenizer];
+    let mut generators: Vec<(&str, Box<Generate<'_>>)> = Vec::new();
+    if args.generate.contains(&Origin::Reference) {
+        files.push(&args.prior);
+        generators.push(("reference", generators::reference(&args.prior, &args.tokenizer, args.generation)?));
+    }
+    if args.generate.contains(&Origin::Runtime) {
+        files.push(&args.blob);
+        generators
+            .push(("runtime", generators::runtime(&args.blob, &[&args.tokenizer, &args.prior], args.generation)?));
+    }
     let bench = Bench {
         judge: &judge,
         codec: &codec,
@@ -77,9 +109,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let tables = bench.tables(limit, &|text| eprintln!("{text}"))?;
     let facts = Facts {
         seeds: args.seeds,
-        files: hashes(&[&args.data, &args.evaluator, &args.tokenizer])?,
-        command: "motionette-train evaluate --table prior".to_owned(),
-        generation: json!({}),
+        files: hashes(&files)?,
+        command: format!("motionette-train evaluate --table prior{}", args.generation.flags()),
+        generation: args.generation.facts(),
     };
     report::save(&args.out, &tables, &facts)?;
     eprintln!("{}", args.out.join("prior.md").display());
@@ -96,8 +128,8 @@ fn training_tokens(dataset: &Dataset, codec: &Codec) -> Vec<Vec<u16>> {
     motions.iter().flat_map(|features| (0..FRAMES_PER_TOKEN).map(|frame| begun(features, frame))).collect()
 }
 
-fn hashes(paths: &[&Path]) -> anyhow::Result<Vec<(String, String)>> {
-    let hash = |path: &&Path| {
+fn hashes(paths: &[&PathBuf]) -> anyhow::Result<Vec<(String, String)>> {
+    let hash = |path: &&PathBuf| {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok((name, file_hash(path)?))
     };

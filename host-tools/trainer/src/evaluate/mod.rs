@@ -12,6 +12,7 @@
 //! | [`spread`] | diversity, multimodality |
 //! | [`copies`] | near-copies of training sequences |
 //! | [`bootstrap`] | intervals |
+//! | [`generators`] | motion from text by reference and runtime |
 //! | [`prior`] | the table of the prior |
 //! | [`report`] | Markdown and JSON |
 //! | [`command`] | `motionette-train evaluate` |
@@ -22,6 +23,7 @@ pub mod command;
 pub mod copies;
 pub mod figures;
 pub mod frechet;
+pub mod generators;
 pub mod prior;
 pub mod prompt;
 pub mod real;

@@ -1,7 +1,10 @@
 //! Tables of known motions.
 
+use std::path::Path;
+
 use motionette_host::dataset::{Dataset, Split};
 use motionette_host::motion::FEATURES;
+use motionette_host::{checkpoint, convert, metrics};
 
 use super::Error;
 use super::codec::Codec;
@@ -10,8 +13,9 @@ use super::prior::{Bench, Generate};
 use super::prompt::{MAX_TOKENS, Motion, Prompt, prompts};
 use super::report::{self, Facts};
 use super::sample::{Judged, Sample};
-use super::{command, real};
+use super::{command, generators, real};
 use crate::evaluator::tests as evaluator;
+use crate::prior;
 use crate::random::Random;
 use crate::tokenizer::checkpoint::Checkpoint;
 use crate::tokenizer::config::Config;
@@ -197,6 +201,93 @@ fn a_table_has_all_rows_and_says_what_failed() {
     assert!(matches!(&error, Error::Generate { seed: 1, row, .. } if row == "runtime"), "{error}");
 }
 
+/// The options as the command line has them without flags.
+fn options() -> generators::Options {
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        options: generators::Options,
+    }
+    <Line as clap::Parser>::parse_from(["test"]).options
+}
+
+#[test]
+fn flags_are_written_when_they_differ() {
+    assert_eq!(options().flags(), "");
+    let changed = generators::Options {
+        steps: 20,
+        schedule: generators::Times::Cosine,
+        guidance: 1.5,
+        proposal: generators::Proposal::Gumbel,
+        temperature: 0.5,
+        top_k: 9,
+        top_p: 0.75,
+    };
+    let flags =
+        " --steps 20 --schedule cosine --guidance 1.5 --proposal gumbel --temperature 0.5 --top-k 9 --top-p 0.75";
+    assert_eq!(changed.flags(), flags);
+}
+
+/// Reference and runtime on a prior of a few steps: what they say agrees with the trainer's own decoder, and replays.
+#[test]
+fn generators_replay_and_agree_with_the_decoder() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let dataset = evaluator::dataset(24, 60);
+    dataset.save(at("data.mds")).unwrap();
+    let tokens = tokenizer(&dataset);
+    tokens.save(&at("tokenizer.safetensors"), &[]).unwrap();
+    let args = prior::command::Args {
+        data: at("data.mds"),
+        tokenizer: at("tokenizer.safetensors"),
+        out: at("prior.safetensors"),
+        preset: "tiny".into(),
+        set: Vec::new(),
+        seed: None,
+        steps: Some(2),
+        minutes: None,
+        resume: false,
+        log_every: 9,
+        save_every: 9,
+        json: false,
+    };
+    prior::command::run(&args).unwrap();
+    let (first, second) = (checkpoint::load(&args.tokenizer).unwrap(), checkpoint::prior::load(&args.out).unwrap());
+    let blob = |hash: String| {
+        let card =
+            convert::CardText { name: "tiny".into(), licence: String::new(), data: String::new(), checkpoint: hash };
+        let source = convert::PriorSource { checkpoint: &second, bank: &[], text_encoder: true };
+        let options = &convert::Options::PLAIN;
+        convert::convert_with_prior(&first, Some(source), options, &[], &card, |_| ()).unwrap().blob
+    };
+    let hash = |path| checkpoint::file_hash(path).unwrap();
+    std::fs::write(at("model.blob"), blob(format!("{}+{}", hash(&args.tokenizer), hash(&args.out))).bytes()).unwrap();
+    std::fs::write(at("other.blob"), blob(hash(&args.tokenizer)).bytes()).unwrap();
+
+    let codec = Codec::new(tokens);
+    let reference = generators::reference(&args.out, &args.tokenizer, options()).unwrap();
+    let files: [&Path; 2] = [&args.tokenizer, &args.out];
+    let runtime = generators::runtime(&at("model.blob"), &files, options()).unwrap();
+    let prompts = prompts(&dataset, Split::Test);
+    for (generate, tolerance) in [(&reference, 1e-3), (&runtime, 0.1)] {
+        let mut different = 0;
+        for prompt in &prompts {
+            let motion = generate(prompt, 3).unwrap();
+            assert_eq!((motion.tokens.len(), motion.joints.len()), (prompt.tokens, 4 * prompt.tokens));
+            assert_eq!(generate(prompt, 3).unwrap(), motion);
+            different += usize::from(generate(prompt, 4).unwrap().tokens != motion.tokens);
+            let decoded = codec.decode(&motion.tokens);
+            let error = metrics::mpjpe_root_aligned(&decoded, &motion.joints);
+            assert!(error < tolerance, "{error} m");
+        }
+        assert!(different > 0);
+    }
+    let wordless = Prompt { caption: "?".into(), ..prompts[0].clone() };
+    assert!(reference(&wordless, 0).is_err() && runtime(&wordless, 0).is_err());
+    let error = generators::runtime(&at("other.blob"), &files, options()).err().unwrap();
+    assert!(error.to_string().contains("was not made of"), "{error}");
+}
+
 #[test]
 fn bad_input_is_refused_and_leaves_no_table() {
     let folder = tempfile::tempdir().unwrap();
@@ -206,6 +297,10 @@ fn bad_input_is_refused_and_leaves_no_table() {
         data: at("data.mds"),
         evaluator: at("evaluator.safetensors"),
         tokenizer: at("tokenizer.safetensors"),
+        prior: at("prior.safetensors"),
+        blob: at("model.blob"),
+        generate: vec![command::Origin::None],
+        generation: options(),
         out: at("results"),
         seeds: 2,
         limit: Some(2),
@@ -224,5 +319,11 @@ fn bad_input_is_refused_and_leaves_no_table() {
     refused("tokenizer.safetensors");
     tokenizer(&dataset).save(&args.tokenizer, &[]).unwrap();
     command::run(&args).unwrap();
+    let wanting = |origin, what: &str| {
+        let error = command::run(&command::Args { generate: vec![origin], ..args.clone() }).unwrap_err();
+        assert!(format!("{error:#}").contains(what), "{error:#}");
+    };
+    wanting(command::Origin::Reference, "prior.safetensors");
+    wanting(command::Origin::Runtime, "model.blob");
     assert!(args.out.join("prior.md").is_file() && args.out.join("prior.json").is_file());
 }
