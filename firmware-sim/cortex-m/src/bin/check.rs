@@ -11,7 +11,8 @@ use core::{hint::black_box, panic::PanicInfo};
 use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::{
-    Anchor, Error, Flow, Generator, Limits, Model, Observer, Plan, Progress, Request, Source, refining::Config,
+    Anchor, Error, Fixed, Flow, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
+    Sampling, Source, planning, refining::Config,
 };
 
 /// An observer whose answer the optimiser cannot know.
@@ -22,24 +23,48 @@ impl Observer for Watch {
         black_box(progress);
         black_box(self.0)
     }
+
+    fn tokens(&mut self, step: u16, tokens: &[u16]) {
+        black_box((step, tokens));
+    }
 }
 
 /// Everything a firmware may ask for.
 #[inline(never)]
-fn serve(blob: &[u8], arena: &mut [u8], tokens: &[u16], u: &[f32], anchors: &[Anchor]) -> Result<u64, Refused> {
+fn serve(
+    blob: &[u8],
+    arena: &mut [u8],
+    tokens: &[u16],
+    u: &[f32],
+    anchors: &[Anchor],
+    (text, fixed): (&str, &[Fixed]),
+) -> Result<u64, Refused> {
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
-    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning: None };
+    let planning = black_box(Some(planning::Limits { words: text.len(), steps: 10, guided: true }));
+    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning };
     black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
     black_box(generator.self_test().map_err(Refused::Request)?);
-    let sources = [Source::Tokens(tokens), Source::Embeddings(u)];
+    let sources = [
+        Source::Tokens(tokens),
+        Source::Embeddings(u),
+        Source::Text(Prompt::Text(text)),
+        Source::Text(Prompt::Bank(text)),
+    ];
+    let samplings = [
+        Sampling::Greedy,
+        Sampling::Sample { temperature: 1.0, top_k: 5, top_p: 0.9 },
+        Sampling::Gumbel { temperature: 1.0 },
+    ];
     let mut hash = 0;
     for source in black_box(sources) {
-        let request = Request { source, anchors, refinement: black_box(Some(refinement)) };
+        let [sampling, ..] = black_box(samplings);
+        let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
+        let request = Request { source, anchors, refinement: black_box(Some(refinement)), planning };
         black_box(generator.plan(&request).map_err(Refused::Request)?);
         let motion = generator.generate(&request, &mut Watch(Flow::Continue)).map_err(Refused::Request)?;
-        black_box(motion.frames());
+        black_box((motion.frames(), motion.tokens(), motion.words(), motion.unknown_words()));
         hash ^= motion.hash();
     }
     Ok(hash)
@@ -57,7 +82,11 @@ enum Refused {
 fn main() -> ! {
     let mut arena = [0u8; 64];
     let anchors = [Anchor::root(0, [0.0; 3])];
-    let result = serve(black_box(&[]), black_box(&mut arena), black_box(&[0]), black_box(&[]), black_box(&anchors));
+    let fixed = [Fixed { position: 0, token: 0 }];
+    // Slices, so that the optimiser does not know their lengths.
+    let (blob, tokens, u, text): (&[u8], &[u16], &[f32], &str) = black_box((&[], &[0], &[], "wave"));
+    let (anchors, fixed): (&[Anchor], &[Fixed]) = black_box((&anchors, &fixed));
+    let result = serve(blob, black_box(&mut arena), tokens, u, anchors, (text, fixed));
     let _ = black_box(result);
     loop {
         cortex_m::asm::nop();
