@@ -54,6 +54,17 @@ pub enum Error {
     /// The blob has no text or no planner.
     #[error("the blob has no planner; convert it with --prior")]
     NoPlanner,
+    /// The runtime refused a caption.
+    #[error("the caption of clip {clip}: {source}")]
+    Prompt {
+        /// The clip's name.
+        clip: String,
+        /// Why.
+        source: motionette::perception::prompt::PromptError,
+    },
+    /// The planner took more memory than it said.
+    #[error("the runtime's planner says: {0}")]
+    Arena(motionette::arena::ArenaTooSmall),
     /// A clip could not be encoded.
     #[error("clip {clip}: {source}")]
     Encode {
@@ -119,13 +130,15 @@ pub struct Verification {
     pub layers: layers::Report,
     /// What two solvers make of the same anchors; `None` when not asked for.
     pub solvers: Option<solvers::Report>,
+    /// Planner against planner ([`planner::verify`]); `None` without a prior.
+    pub planner: Option<planner::Report>,
 }
 
 impl Verification {
     /// Whether every budget is kept.
     #[must_use]
     pub fn passed(&self) -> bool {
-        self.budgets.iter().all(|b| b.met)
+        self.budgets.iter().all(|b| b.met) && self.planner.as_ref().is_none_or(|p| p.met)
     }
 }
 
@@ -234,6 +247,8 @@ pub fn names_checkpoint(blob: &BlobFile, hash: &str) -> Result<bool, Error> {
 pub struct RuntimeMotion {
     /// Embeddings `[L][du]` it was decoded from.
     pub u: Vec<f32>,
+    /// Tokens `[L][Q]` it was decoded from; empty for embeddings.
+    pub tokens: Vec<u16>,
     /// Joints, metres.
     pub joints: Vec<Pose>,
     /// What the refinement did.
@@ -245,13 +260,17 @@ pub struct RuntimeMotion {
 /// # Errors
 /// [`Error::Blob`], [`Error::Runtime`].
 pub fn run(blob: &BlobFile, clip: &str, request: &Request<'_>) -> Result<RuntimeMotion, Error> {
-    let model = blob.model()?;
     let failed = |source| Error::Runtime { clip: clip.to_owned(), source };
-    let plan = Generator::new(model.clone(), &mut []).and_then(|generator| generator.plan(request)).map_err(failed)?;
+    let plan = Generator::new(blob.model()?, &mut []).and_then(|g| g.plan(request)).map_err(failed)?;
     let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(16)];
-    let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(failed)?;
+    let mut generator = Generator::new(blob.model()?, bytemuck::cast_slice_mut(&mut arena)).map_err(failed)?;
     let motion = generator.generate(request, &mut ()).map_err(failed)?;
-    Ok(RuntimeMotion { u: motion.u().to_vec(), joints: motion.frames().to_vec(), refinement: motion.refinement })
+    Ok(RuntimeMotion {
+        u: motion.u().to_vec(),
+        tokens: motion.tokens().to_vec(),
+        joints: motion.frames().to_vec(),
+        refinement: motion.refinement,
+    })
 }
 
 /// Verifies `blob` against `checkpoint` over `sequences`; `solver_clips` of them also compare the solvers. `progress` is called once a clip.
@@ -284,7 +303,7 @@ pub fn verify(
     let layers = layers::measure(blob, checkpoint, &latents)?;
     let solvers = if solver_clips > 0 { Some(solvers::compare(blob, &road, sequences, solver_clips)?) } else { None };
     let budgets = budgets(&agreement);
-    Ok(Verification { agreement, budgets, layers, solvers })
+    Ok(Verification { agreement, budgets, layers, solvers, planner: None })
 }
 
 fn budgets(a: &Agreement) -> Vec<Budget> {
