@@ -148,6 +148,12 @@ impl<'a> Output<'a> {
         self.outputs
     }
 
+    /// Input channels.
+    #[must_use]
+    pub const fn inputs(&self) -> usize {
+        self.inputs
+    }
+
     /// Leading output channels with int16 weights.
     #[must_use]
     pub const fn wide(&self) -> usize {
@@ -193,14 +199,7 @@ impl<'a> Output<'a> {
     }
 
     /// Computes `channels` of rows `first..`, as many as `out [B][C]` holds, `C = channels.count()`.
-    pub fn forward(
-        &self,
-        x: Rows<'_>,
-        first: usize,
-        channels: &Channels,
-        out: &mut [f32],
-        scratch: &mut Scratch<'_>,
-    ) {
+    pub fn forward(&self, x: Rows<'_>, first: usize, channels: &Channels, out: &mut [f32], scratch: &mut Scratch<'_>) {
         let width = channels.count().max(1);
         let (count, rows) = (out.len() / width, x.scales.len());
         out.fill(0.0);
