@@ -73,10 +73,10 @@ pub mod perception;
 pub mod plan;
 pub mod refining;
 
-pub use generator::{Error, Flow, Generator, Motion, Observer, Progress, Request, Source, Stage};
+pub use generator::{Error, Flow, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Source, Stage};
 pub use model::Model;
 pub use perception::anchors::{Anchor, Target};
-pub use plan::{Limits, Plan};
+pub use plan::{Limits, Plan, StreamLimits, StreamPlan};
 
 /// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).
 pub const JOINTS: usize = 22;

@@ -2,6 +2,7 @@
 
 use crate::JOINTS;
 use crate::arena::bytes_of;
+use crate::decoding::stream::CHUNK;
 use crate::model::Model;
 use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
 use crate::refining::{self, Config};
@@ -38,6 +39,10 @@ pub struct Plan {
     pub gradients: u32,
     /// Multiply-accumulates at most.
     pub macs: u64,
+    /// Tokens on either side that a frame depends on.
+    pub radius_tokens: usize,
+    /// Frames by which a stream's output lags behind its tokens; the request itself has no such lag.
+    pub latency_frames: usize,
 }
 
 /// Feature channels that the solver may have to decode for so many anchors.
@@ -86,6 +91,67 @@ impl Plan {
             evaluations: steps + 1,
             gradients: steps,
             macs: whole + 2 * u64::from(steps) * partial,
+            radius_tokens: decoder.radius_tokens(),
+            latency_frames: decoder.radius_frames(),
+        }
+    }
+}
+
+/// What a stream is to hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StreamLimits {
+    /// Tokens queued at once, at most.
+    pub tokens: usize,
+}
+
+/// Bytes and work of a stream, however long its motion runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StreamPlan {
+    /// Arena bytes in all, from a 16-byte boundary: exactly what [`crate::Generator::stream`] takes.
+    pub arena_bytes: usize,
+    /// Of these, bytes that the decoder keeps from one chunk to the next.
+    pub state_bytes: usize,
+    /// Bytes of the decoder's other buffers.
+    pub decoder_bytes: usize,
+    /// Bytes of the frames that are handed out, their root path included.
+    pub frame_bytes: usize,
+    /// Bytes of the queued tokens.
+    pub token_bytes: usize,
+    /// Frames handed out at once, at most.
+    pub frames: usize,
+    /// Tokens on either side that a frame depends on.
+    pub radius_tokens: usize,
+    /// Frames by which the output lags behind the tokens.
+    pub latency_frames: usize,
+    /// Multiply-accumulates of the decoder for one call of [`crate::MotionStream::frames`], at most; while the motion is
+    /// being finished too.
+    pub macs: u64,
+    /// Multiply-accumulates of the decoder for a token, when they come in full chunks.
+    pub macs_per_token: u64,
+}
+
+impl StreamPlan {
+    /// The plan for streams inside `limits`.
+    #[must_use]
+    pub fn new(model: &Model<'_>, limits: &StreamLimits) -> StreamPlan {
+        let decoder = model.decoder();
+        let frames = CHUNK * model.frames_per_token();
+        let state_bytes = decoder.tail_bytes();
+        let decoder_bytes = decoder.stream_bytes(POSITION_CHANNELS) - state_bytes;
+        let frame_bytes = 4 * bytes_of::<f32>(frames) + bytes_of::<f32>(frames * JOINT_COLUMNS);
+        let token_bytes = bytes_of::<u16>(limits.tokens * model.codebooks().quantizers());
+        let macs_per_token = decoder.stream_macs(CHUNK, &channels(u32::MAX));
+        StreamPlan {
+            arena_bytes: state_bytes + decoder_bytes + frame_bytes + token_bytes,
+            state_bytes,
+            decoder_bytes,
+            frame_bytes,
+            token_bytes,
+            frames,
+            radius_tokens: decoder.radius_tokens(),
+            latency_frames: decoder.radius_frames(),
+            macs: CHUNK as u64 * macs_per_token,
+            macs_per_token,
         }
     }
 }

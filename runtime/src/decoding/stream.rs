@@ -18,7 +18,6 @@ use crate::nn::output::{self, Channels, Output};
 use crate::nn::residual::{self, Residual};
 use crate::nn::{mask, quantise};
 use core::iter::once;
-use heapless::Vec;
 
 /// Tokens that pass through the decoder at a time, at most: weights are read once for so many.
 pub const CHUNK: usize = BLOCK;
@@ -78,7 +77,7 @@ impl Layer<'_, '_> {
 }
 
 /// The end of a layer's input.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Tail<'w> {
     /// Quantised rows, `[kept][K]`.
     q: &'w mut [i16],
@@ -95,7 +94,8 @@ struct Tail<'w> {
 /// A motion being decoded: the tails, and the buffers that a chunk passes through. Its size depends on the decoder alone.
 #[derive(Debug)]
 pub struct Stream<'w> {
-    tails: Vec<Tail<'w>, MAX_LAYERS>,
+    /// One a layer, in order of execution; the rest is empty.
+    tails: [Tail<'w>; MAX_LAYERS],
     /// The chunk, at its present layer.
     sequence: &'w mut [f32],
     work: Work<'w>,
@@ -225,17 +225,15 @@ impl<'a> Decoder<'a> {
     /// # Errors
     /// [`ArenaTooSmall`].
     pub fn stream<'w>(&self, arena: &mut Arena<'w>, channels: usize) -> Result<Stream<'w>, ArenaTooSmall> {
-        let mut tails = Vec::new();
-        for (_, layer) in self.layers() {
-            let tail = Tail {
+        let mut tails: [Tail<'w>; MAX_LAYERS] = Default::default();
+        for (tail, (_, layer)) in tails.iter_mut().zip(self.layers()) {
+            *tail = Tail {
                 q: arena.take(layer.kept() * layer.inputs())?,
                 scales: arena.take(layer.kept())?,
                 rows: arena.take(layer.skipped() * layer.inputs())?,
                 before: layer.ahead(),
                 behind: layer.ahead(),
             };
-            // There is room for every layer that a blob may have.
-            let _ = tails.push(tail);
         }
         let s = self.stream_sizes(channels);
         Ok(Stream {

@@ -181,6 +181,17 @@ impl Features<'_> {
         [lx * cos - lz * sin + x, ly, lx * sin + lz * cos + z]
     }
 
+    /// Positions of all joints of every frame, `out [T][22][3]`, metres.
+    pub fn joints(&self, path: &Path<'_>, out: &mut [f32]) {
+        for (frame, row) in out.chunks_exact_mut(3 * JOINTS).enumerate() {
+            for (joint, to) in row.chunks_exact_mut(3).enumerate() {
+                for (to, from) in to.iter_mut().zip(self.position(path, joint, frame)) {
+                    *to = from;
+                }
+            }
+        }
+    }
+
     /// Adds `d = dJ/dposition` of a joint: local channels go into `g [T][C]` at once (normalised), the root's share
     /// into `path` until [`Features::integrate_gradient`].
     pub fn add_gradient(&self, path: &mut Path<'_>, g: &mut [f32], joint: usize, frame: usize, d: [f32; 3]) {
