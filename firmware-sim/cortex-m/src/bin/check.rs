@@ -11,7 +11,8 @@ use core::{hint::black_box, panic::PanicInfo};
 use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::{
-    Anchor, Error, Flow, Generator, Limits, Model, Observer, Plan, Progress, Request, Source, refining::Config,
+    Anchor, Error, Flow, Generator, Limits, Model, Observer, Plan, Progress, Request, Source, StreamLimits, StreamPlan,
+    refining::Config,
 };
 
 /// An observer whose answer the optimiser cannot know.
@@ -41,6 +42,26 @@ fn serve(blob: &[u8], arena: &mut [u8], tokens: &[u16], u: &[f32], anchors: &[An
         let motion = generator.generate(&request, &mut Watch(Flow::Continue)).map_err(Refused::Request)?;
         black_box(motion.frames());
         hash ^= motion.hash();
+    }
+    Ok(hash ^ stream(&mut generator, tokens)?)
+}
+
+/// The same of a motion made piece by piece.
+#[inline(never)]
+fn stream(generator: &mut Generator<'_>, tokens: &[u16]) -> Result<u64, Refused> {
+    let limits = black_box(StreamLimits { tokens: tokens.len() });
+    black_box(StreamPlan::new(generator.model(), &limits));
+    let mut stream = generator.stream(&limits).map_err(Refused::Request)?;
+    let mut hash = 0;
+    for last in black_box([false, true]) {
+        black_box((stream.room(), stream.frames_ahead(), stream.rebase()));
+        stream.push(tokens).map_err(Refused::Request)?;
+        if last {
+            stream.finish();
+        }
+        while let Some(frames) = stream.frames(&mut Watch(Flow::Continue)).map_err(Refused::Request)? {
+            hash += black_box(frames).len() as u64;
+        }
     }
     Ok(hash)
 }
