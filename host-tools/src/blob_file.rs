@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use motionette::Model;
 use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensors};
 
-use crate::checkpoint;
+use crate::checkpoint::prior::PartMut;
+use crate::checkpoint::{self, PriorCheckpoint};
 use crate::convert::{AlignedBlob, QuantisedConv1d};
 
 /// A blob file could not be used.
@@ -130,24 +131,21 @@ impl BlobFile {
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn layers(&self) -> Result<Vec<QuantisedConv1d>, Error> {
-        let table = self.table()?;
-        let mut layers: Vec<QuantisedConv1d> = Vec::new();
-        let mut wide: Option<&TableEntry> = None;
-        let mut narrow: Option<&TableEntry> = None;
-        let mut scales: Vec<f32> = Vec::new();
-        for entry in &table {
-            let floats = || entry.values.iter().map(|&v| v as f32).collect::<Vec<f32>>();
-            if entry.dtype == DType::I16Planes {
-                wide = Some(entry);
-            } else if entry.dtype == DType::I8 {
-                narrow = Some(entry);
-            } else if entry.name.ends_with(".scale") {
-                scales = floats();
-            } else if let Some(name) = entry.name.strip_suffix(".bias") {
-                layers.push(layer(name, wide.take(), narrow.take(), core::mem::take(&mut scales), floats()));
-            }
-        }
+        let (_, manifest, _) = self.parts()?;
+        let mut layers = layers(&self.table()?);
+        layers.truncate(convolutions(&manifest));
         Ok(layers)
+    }
+
+    /// Linears and tables of text encoder and planner in the order of the blob, as convolutions of one tap in integers; a table has no
+    /// bias.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn prior_layers(&self) -> Result<Vec<QuantisedConv1d>, Error> {
+        let (_, manifest, _) = self.parts()?;
+        let mut layers = layers(&self.table()?);
+        Ok(layers.split_off(convolutions(&manifest).min(layers.len())))
     }
 
     /// `decoder` with the blob's weights in place of its own: what the integers stand for, to run in the reference.
@@ -157,6 +155,60 @@ impl BlobFile {
     pub fn dequantised(&self, decoder: &checkpoint::Decoder) -> Result<checkpoint::Decoder, Error> {
         Ok(crate::convert::decoder::dequantised(decoder, &self.layers()?))
     }
+
+    /// A prior with the blob's weights in place of its own; what the blob does not hold (norms, a text encoder that was left out) stays.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn dequantised_prior(&self, prior: &PriorCheckpoint) -> Result<PriorCheckpoint, Error> {
+        let layers = self.prior_layers()?;
+        let find = |name: &str| layers.iter().find(|l| l.name == name).map(QuantisedConv1d::dequantised);
+        let mut result = prior.clone();
+        for part in result.parts_mut() {
+            match part {
+                PartMut::Linear(linear) => {
+                    if let Some(back) = find(&linear.name) {
+                        (linear.weight, linear.bias) = (back.weight, back.bias);
+                    }
+                }
+                PartMut::Embedding(table) => {
+                    if let Some(back) = find(&table.name) {
+                        table.weight = back.weight;
+                    }
+                }
+                PartMut::Norm(_) => {}
+            }
+        }
+        Ok(result)
+    }
+}
+
+/// Convolutions of a decoder.
+fn convolutions(manifest: &Manifest<'_>) -> usize {
+    let d = &manifest.decoder;
+    3 + usize::from(d.stages) * (2 * d.dilations.len() + 1)
+}
+
+/// Everything in the table that has integers and scales.
+fn layers(table: &[TableEntry]) -> Vec<QuantisedConv1d> {
+    let mut layers = Vec::new();
+    let mut rest = table.iter().peekable();
+    while let Some(entry) = rest.next() {
+        let (wide, narrow) = match entry.dtype {
+            DType::I16Planes => (Some(entry), rest.next_if(|e| e.dtype == DType::I8)),
+            DType::I8 => (None, Some(entry)),
+            DType::F16 | DType::F32 => continue,
+        };
+        let mut floats = |ending| {
+            let entry = rest.next_if(|e| e.dtype == DType::F32 && e.name.ends_with(ending));
+            entry.map_or_else(Vec::new, |e| e.values.iter().map(|&v| v as f32).collect())
+        };
+        let (scales, bias) = (floats(".scale"), floats(".bias"));
+        let name = &entry.name;
+        let name = name.strip_suffix(".weight").or_else(|| name.strip_suffix(".wide")).unwrap_or(name);
+        layers.push(layer(name, wide, narrow, scales, bias));
+    }
+    layers
 }
 
 fn layer(

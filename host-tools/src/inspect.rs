@@ -3,9 +3,10 @@
 use serde::Serialize;
 
 use crate::blob_file::{BlobFile, Error};
-use crate::checkpoint::{Conv1d, TokenizerCheckpoint};
+use crate::checkpoint::prior::Part;
+use crate::checkpoint::{Conv1d, PriorCheckpoint, TokenizerCheckpoint};
 use crate::convert::QuantisedConv1d;
-use motionette::blob::DType;
+use motionette::blob::{DType, Manifest, Sampler, TransformerConfig};
 
 /// Everything `motionette inspect` shows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -33,6 +34,25 @@ pub struct Inspection {
     /// All tensors.
     pub tensors: Vec<TensorInfo>,
     /// All layers of the decoder.
+    pub layers: Vec<LayerInfo>,
+    /// Text encoder, stored prompts and planner; `None` when there are none.
+    pub prior: Option<PriorInfo>,
+}
+
+/// Text encoder, stored prompts and planner.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PriorInfo {
+    /// Configuration of the text encoder in words; `None` without one.
+    pub text: Option<String>,
+    /// Words of the vocabulary in the order of their ids; empty without a text encoder.
+    pub vocabulary: Vec<String>,
+    /// Longest prompt, words.
+    pub max_words: u16,
+    /// Names of the stored prompts.
+    pub bank: Vec<String>,
+    /// Configuration of the planner in words; `None` without one.
+    pub planner: Option<String>,
+    /// Linears and tables. Work is that of one text or one pass of the planner at the longest motion and the longest prompt.
     pub layers: Vec<LayerInfo>,
 }
 
@@ -82,11 +102,15 @@ pub struct LayerInfo {
     pub weight_error_max: Option<f64>,
 }
 
-/// Looks into a blob; with the checkpoint it came from, also what quantisation cost.
+/// Looks into a blob; with the checkpoints it came from, also what quantisation cost.
 ///
 /// # Errors
 /// [`Error`].
-pub fn inspect(blob: &BlobFile, checkpoint: Option<&TokenizerCheckpoint>) -> Result<Inspection, Error> {
+pub fn inspect(
+    blob: &BlobFile,
+    checkpoint: Option<&TokenizerCheckpoint>,
+    prior: Option<&PriorCheckpoint>,
+) -> Result<Inspection, Error> {
     let (header, manifest, _) = blob.parts()?;
     let tensors = blob
         .table()?
@@ -122,7 +146,69 @@ pub fn inspect(blob: &BlobFile, checkpoint: Option<&TokenizerCheckpoint>) -> Res
         self_test: manifest.self_test.hash != 0,
         tensors,
         layers: layers.collect(),
+        prior: prior_info(blob, &manifest, prior)?,
     })
+}
+
+fn prior_info(
+    blob: &BlobFile,
+    manifest: &Manifest<'_>,
+    checkpoint: Option<&PriorCheckpoint>,
+) -> Result<Option<PriorInfo>, Error> {
+    let (Some(text), planner) = (manifest.text, manifest.planner) else { return Ok(None) };
+    let lines = |text: &str| text.lines().map(str::to_owned).collect::<Vec<_>>();
+    let words = |t: &TransformerConfig| {
+        let (norm, activation) = (format!("{:?}", t.norm).to_lowercase(), format!("{:?}", t.activation).to_lowercase());
+        format!(
+            "{} layers of width {}, {} heads, hidden {}, norms {norm}, {activation}",
+            t.layers, t.width, t.heads, t.hidden
+        )
+    };
+    let originals: Vec<Conv1d> = checkpoint.map(originals).unwrap_or_default();
+    let max_tokens = usize::from(manifest.max_tokens);
+    let layers = blob.prior_layers()?;
+    let layers = layers.iter().map(|layer| {
+        let rows = prior_rows(&layer.name, max_tokens, usize::from(text.max_words));
+        info(layer, rows, originals.iter().find(|o| o.name == layer.name))
+    });
+    Ok(Some(PriorInfo {
+        text: text.encoder.as_ref().map(words),
+        vocabulary: lines(text.vocabulary),
+        max_words: text.max_words,
+        bank: lines(text.bank),
+        planner: planner.map(|p| {
+            let Sampler::Tmd { c, a } = p.sampler;
+            format!("{}, TMD with c = {c}, a = {a}", words(&p.transformer))
+        }),
+        layers: layers.collect(),
+    }))
+}
+
+/// Linears and tables of a prior as convolutions of one tap.
+fn originals(prior: &PriorCheckpoint) -> Vec<Conv1d> {
+    let parts = prior.text_parts().into_iter().chain(prior.planner_parts());
+    parts
+        .filter_map(|part| match part {
+            Part::Linear(linear) => Some(linear.as_convolution()),
+            Part::Embedding(table) => Some(table.as_convolution()),
+            Part::Norm(_) => None,
+        })
+        .collect()
+}
+
+/// Rows that a linear of text encoder or planner computes, by its name; 0 for tables, of which rows are picked. Keys and values of a text
+/// are computed once a text.
+#[must_use]
+pub fn prior_rows(name: &str, tokens: usize, words: usize) -> usize {
+    let ends = |ending: &str| name.ends_with(ending);
+    match name {
+        "text.length" | "planner.global" => 1,
+        "planner.token" => tokens,
+        _ if ends(".cross.kv") => words,
+        _ if !name.contains(".layers.") => 0,
+        _ if name.starts_with("text.") => words,
+        _ => tokens + 1,
+    }
 }
 
 /// Output rows of every convolution in order of execution, for so many tokens.

@@ -60,7 +60,7 @@ pub struct Report {
 pub fn plan(blob: &BlobFile, tokens: usize, anchors: usize, refinement: Config) -> Result<Report, Error> {
     let model = blob.model()?;
     let tokens = tokens.clamp(1, model.max_tokens());
-    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement });
+    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning: None });
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
     Ok(Report {
         model: model.card().name.to_owned(),
@@ -71,6 +71,7 @@ pub fn plan(blob: &BlobFile, tokens: usize, anchors: usize, refinement: Config) 
         arena_bytes: plan.arena_bytes,
         ram_bytes: plan.arena_bytes + size_of::<Generator<'_>>(),
         arena: vec![
+            share("tokens", plan.token_bytes),
             share("decoder layers and joints", plan.decoder_bytes),
             share("features and gradient", plan.feature_bytes),
             share("root path and gradient", plan.path_bytes),

@@ -1,65 +1,13 @@
 //! Damaged and hostile checkpoints: every one gives a typed error that names what, where, expected and found, and nothing panics.
 
+mod common;
+
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use common::checkpoints::{TOKENIZER as CONFIG, bytes, tokenizer as whole, tokenizer_metadata as metadata};
 use motionette_host::checkpoint::{self, ErrorKind, Tensor, TensorMap, tensors_of};
 use safetensors::{Dtype, tensor::TensorView};
-
-/// Sizes of the small checkpoint of these tests.
-const CONFIG: &str = r#"{"width": 4, "encoder_width": 5, "code_dim": 3, "codes": 6, "quantizers": 1, "depth": 2,
-    "dilations": [3, 1], "down_t": 2, "features": 263, "fps": 20, "preset": "small", "seed": 1, "steps": 2,
-    "data_hash": "none", "metrics": [{"split": "val"}]}"#;
-
-/// Every tensor of a whole checkpoint, all different numbers.
-fn whole() -> TensorMap {
-    let mut map = TensorMap::default();
-    let mut count = 0;
-    let mut add = |name: &str, shape: &[usize]| {
-        let data = (0..shape.iter().product::<usize>()).map(|i| ((i * 7 + count) % 23) as f32 / 23.0 - 0.4).collect();
-        count += 1;
-        map.insert(name, Tensor { shape: shape.to_vec(), data });
-    };
-    let mut conv = |name: String, outputs: usize, inputs: usize, kernel: usize| {
-        add(&format!("{name}.weight"), &[outputs, inputs, kernel]);
-        add(&format!("{name}.bias"), &[outputs]);
-    };
-    conv("encoder.model.0".into(), 5, 263, 3);
-    conv("decoder.model.0".into(), 4, 3, 3);
-    for s in [2, 3] {
-        conv(format!("encoder.model.{s}.0"), 5, 5, 4);
-        for b in 0..2 {
-            for (part, width) in [("encoder", 5), ("decoder", 4)] {
-                let stack = if part == "encoder" { 1 } else { 0 };
-                conv(format!("{part}.model.{s}.{stack}.model.{b}.conv1"), width, width, 3);
-                conv(format!("{part}.model.{s}.{stack}.model.{b}.conv2"), width, width, 1);
-            }
-        }
-        conv(format!("decoder.model.{s}.2"), 4, 4, 3);
-    }
-    conv("encoder.model.4".into(), 3, 5, 3);
-    conv("decoder.model.4".into(), 4, 4, 3);
-    conv("decoder.model.6".into(), 263, 4, 3);
-    add("quantizer.layers.0.codebook", &[6, 3]);
-    add("mean", &[263]);
-    map.insert("std", Tensor { shape: vec![263], data: vec![0.5; 263] });
-    map
-}
-
-fn metadata(config: &str) -> HashMap<String, String> {
-    [("format", "motionette-tokenizer"), ("version", "1"), ("config", config)]
-        .map(|(k, v)| (k.to_owned(), v.to_owned()))
-        .into()
-}
-
-fn bytes(map: &TensorMap, metadata: HashMap<String, String>) -> Vec<u8> {
-    let raw: Vec<(String, Vec<usize>, Vec<u8>)> = map
-        .iter()
-        .map(|(n, t)| (n.to_owned(), t.shape.clone(), t.data.iter().flat_map(|v| v.to_le_bytes()).collect()))
-        .collect();
-    let views = raw.iter().map(|(n, s, d)| (n.clone(), TensorView::new(Dtype::F32, s.clone(), d).expect("a view")));
-    safetensors::serialize(views, Some(metadata)).expect("a file")
-}
 
 struct Folder(tempfile::TempDir);
 

@@ -52,6 +52,18 @@ impl<'a> Arena<'a> {
         Arena { free, used: 0 }
     }
 
+    /// The same place once more, for a stage whose buffers the next stages take over when it is done.
+    #[must_use]
+    pub fn overlay(&mut self) -> Arena<'_> {
+        Arena { free: &mut *self.free, used: self.used }
+    }
+
+    /// Bytes there are in all, those taken included.
+    #[must_use]
+    pub const fn available(&self) -> usize {
+        self.used + self.free.len()
+    }
+
     /// Bytes taken so far.
     #[must_use]
     pub const fn used(&self) -> usize {
@@ -64,7 +76,7 @@ impl<'a> Arena<'a> {
     /// [`ArenaTooSmall`] when fewer bytes are left.
     pub fn take<T: Pod>(&mut self, count: usize) -> Result<&'a mut [T], ArenaTooSmall> {
         let needed = bytes_of::<T>(count);
-        let short = ArenaTooSmall { needed: self.used + needed, available: self.used + self.free.len() };
+        let short = ArenaTooSmall { needed: self.used + needed, available: self.available() };
         let free = core::mem::take(&mut self.free);
         let (taken, free) = free.split_at_mut_checked(needed).ok_or(short)?;
         self.free = free;
@@ -91,6 +103,24 @@ mod tests {
         assert_eq!(arena.used(), bytes_of::<f32>(3) + bytes_of::<i16>(5));
         a.fill(1.0);
         assert!(b.iter().all(|&v| v == 0));
+    }
+
+    #[test]
+    fn an_overlay_gives_its_bytes_back() {
+        let mut memory = [0u8; 200];
+        let mut arena = Arena::new(&mut memory);
+        let kept = arena.take::<u8>(16).unwrap();
+        let mut overlay = arena.overlay();
+        let lent = overlay.take::<u8>(64).unwrap();
+        lent.fill(7);
+        let place = lent.as_ptr();
+        assert_eq!(overlay.used(), 80);
+        assert_eq!(arena.used(), 16);
+        let again = arena.take::<u8>(32).unwrap();
+        assert_eq!(again.as_ptr(), place);
+        assert!(again.iter().all(|&v| v == 0));
+        kept.fill(1);
+        assert!(again.iter().all(|&v| v == 0));
     }
 
     #[test]

@@ -1,18 +1,19 @@
 //! Motion generation that runs inside the robot.
 //!
-//! A firmware author opens a model blob in flash, hands over one static buffer and gets full-body motion that passes
-//! through anchors, in bounded time, with the same bits on every machine.
+//! A firmware author opens a model blob in flash, hands over one static buffer and a text, and gets full-body motion that
+//! passes through anchors, in bounded time, with the same bits on every machine.
 //!
 //! ```text
-//! tokens, anchors ──► decoding ──► refining ──► motion
-//!                     VQ decoder   RouteSolver  22 joints at 20 fps
+//! text, anchors ──► perception ──► planning ──► decoding ──► refining ──► motion
+//!                   text encoder   TMD tokens   VQ decoder   RouteSolver  22 joints at 20 fps
 //! ```
 //!
 //! # Layers, top-down, and what each may not know
 //! - [`generator`]: runs a request through the stages. Owns the arena; knows every module below, none knows it.
 //! - [`plan`]: bytes and work of a request before it runs. Knows sizes, never data.
 //! - [`refining`]: the anchor solver. Knows a differentiable [`refining::MotionMap`], not the decoder behind it.
-//! - [`perception`]: anchors and their validation. Knows frames and joints, not tokens.
+//! - [`perception`]: anchors and their validation, prompts and what they say. Knows frames, joints and words, not tokens.
+//! - [`planning`]: prompts to motion tokens: transformer and sampler. Knows neither anchors nor what a token moves.
 //! - [`decoding`]: token embeddings to motion features, and the gradient back. Knows nothing of anchors.
 //! - [`motion`]: features to joints, and the gradient back. Knows nothing of neural networks.
 //! - [`nn`]: layers with forward and input gradient. Know nothing of the model they stand in.
@@ -37,6 +38,7 @@
 //! let right_wrist = 21;
 //! let anchors = [Anchor::root(28, [0.1, 0.9, 1.0]), Anchor::joint(16, right_wrist, [-0.3, 1.4, 0.8])];
 //! let motion = generator.generate(&Request::tokens(&tokens).through(&anchors), &mut ())?;
+//! // With a planner in the blob: `Request::text("a person waves").frames(100).seed(7).through(&anchors)`.
 //! for frame in motion.frames() {
 //!     let _wrist = frame[right_wrist as usize]; // metres, 20 frames a second
 //! }
@@ -71,12 +73,17 @@ pub mod motion;
 pub mod nn;
 pub mod perception;
 pub mod plan;
+pub mod planning;
 pub mod refining;
 
-pub use generator::{Error, Flow, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Source, Stage};
+pub use generator::{
+    Error, Flow, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
+};
 pub use model::Model;
 pub use perception::anchors::{Anchor, Target};
+pub use perception::prompt::Prompt;
 pub use plan::{Limits, Plan, StreamLimits, StreamPlan};
+pub use planning::{Fixed, Length, Planning, Sampling, Schedule};
 
 /// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).
 pub const JOINTS: usize = 22;

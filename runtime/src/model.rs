@@ -2,11 +2,15 @@
 
 use crate::blob::{ALIGNMENT, SelfTest, Tensors};
 use crate::blob::{
-    Card, Error, HEADER_LEN, Header, MAX_BLOCKS, MAX_STAGES, MAX_TENSORS, MINOR, Manifest, Representation,
+    Card, Error, HEADER_LEN, Header, MAX_BLOCKS, MAX_LAYERS, MAX_STAGES, MAX_TENSORS, MINOR, Manifest, Representation,
+    Sampler, TransformerConfig,
 };
 use crate::decoding::codebook::{Codebooks, MAX_QUANTIZERS};
 use crate::decoding::decoder::Decoder;
 use crate::motion::humanml3d;
+use crate::perception::Text;
+use crate::planning::Planner;
+use crate::planning::session::Modules;
 
 /// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
 pub const MAX_MAGNITUDE: f32 = 1e28;
@@ -16,6 +20,14 @@ pub const EMBEDDING_MARGIN: f32 = 8.0;
 const MAX_STATISTIC: f32 = 1e3;
 /// Longest motion any blob may declare, tokens.
 pub const MAX_TOKENS: u16 = 256;
+/// Widest row of a transformer.
+const MAX_WIDTH: u32 = 1024;
+/// Most attention heads.
+const MAX_HEADS: u32 = 64;
+/// Widest feed-forward layer.
+const MAX_HIDDEN: u32 = 4096;
+/// Longest prompt any blob may declare, words.
+const MAX_WORDS: u32 = 256;
 
 /// An opened blob. Nothing about it can fail any more.
 #[derive(Debug, Clone)]
@@ -29,6 +41,8 @@ pub struct Model<'a> {
     std: &'a [f32],
     codebooks: Codebooks<'a>,
     decoder: Decoder<'a>,
+    text: Option<Text<'a>>,
+    planner: Option<Planner<'a>>,
 }
 
 impl<'a> Model<'a> {
@@ -59,6 +73,16 @@ impl<'a> Model<'a> {
         refuse_beyond(std, MAX_STATISTIC, tensor.index)?;
         let codebooks = Codebooks::open(&mut tensors, &manifest.decoder)?;
         let decoder = Decoder::open(&mut tensors, &manifest.decoder, EMBEDDING_MARGIN * codebooks.largest())?;
+        let text = match &manifest.text {
+            None => None,
+            Some(config) => Some(Text::open(&mut tensors, config, manifest.max_tokens)?),
+        };
+        let planner = match (&manifest.planner, &text) {
+            (Some(config), Some(text)) => {
+                Some(Planner::open(&mut tensors, config, text, manifest.decoder.codes, manifest.max_tokens)?)
+            }
+            _ => None,
+        };
         // A newer minor version may carry more behind what this one knows.
         if header.minor == MINOR {
             tensors.finish()?;
@@ -73,6 +97,8 @@ impl<'a> Model<'a> {
             std,
             codebooks,
             decoder,
+            text,
+            planner,
         })
     }
 
@@ -141,6 +167,25 @@ impl<'a> Model<'a> {
     pub const fn decoder(&self) -> &Decoder<'a> {
         &self.decoder
     }
+
+    /// Text encoder and stored prompts.
+    #[must_use]
+    pub const fn text(&self) -> Option<&Text<'a>> {
+        self.text.as_ref()
+    }
+
+    /// Planner.
+    #[must_use]
+    pub const fn planner(&self) -> Option<&Planner<'a>> {
+        self.planner.as_ref()
+    }
+
+    /// What a planning session works with; `None` when the blob cannot make tokens.
+    #[must_use]
+    pub fn planning(&self) -> Option<Modules<'_, 'a>> {
+        let (text, planner) = (self.text.as_ref()?, self.planner.as_ref()?);
+        Some(Modules { text, planner, codebooks: &self.codebooks })
+    }
 }
 
 /// Checks configuration values; returns the number of features.
@@ -174,7 +219,59 @@ fn check(manifest: &Manifest<'_>) -> Result<u16, Error> {
     if found != limit {
         return Err(Error::Config { what: "representation", found: u32::from(found), limit: u32::from(limit) });
     }
+    check_words(manifest)?;
     Ok(decoder.features)
+}
+
+/// Checks configuration values of text encoder and planner.
+fn check_words(manifest: &Manifest<'_>) -> Result<(), Error> {
+    let at_most = |what, found: u32, limit: u32| {
+        if found == 0 || found > limit { Err(Error::Config { what, found, limit }) } else { Ok(()) }
+    };
+    if let Some(text) = &manifest.text {
+        at_most("text.width", u32::from(text.width), MAX_WIDTH)?;
+        at_most("text.max_words", u32::from(text.max_words), MAX_WORDS)?;
+        if let Some(encoder) = &text.encoder {
+            check_transformer(encoder)?;
+        }
+    }
+    if let Some(planner) = &manifest.planner {
+        if manifest.text.is_none() {
+            return Err(Error::Config { what: "planner without text", found: 1, limit: 0 });
+        }
+        check_transformer(&planner.transformer)?;
+        at_most("decoder.quantizers with a planner", u32::from(manifest.decoder.quantizers), 1)?;
+        at_most("max_tokens with a planner", u32::from(manifest.max_tokens), u32::from(MAX_TOKENS) - 1)?;
+        let Sampler::Tmd { c, a } = planner.sampler;
+        check_number("planner.sampler.c", c, 1e-6, 1e3)?;
+        check_number("planner.sampler.a", a, 1e-6, 4.0)?;
+    }
+    Ok(())
+}
+
+/// Checks configuration values of a stack of transformer blocks.
+fn check_transformer(config: &TransformerConfig) -> Result<(), Error> {
+    let limits = [
+        ("transformer.width", u32::from(config.width), MAX_WIDTH),
+        ("transformer.heads", u32::from(config.heads), MAX_HEADS),
+        ("transformer.layers", u32::from(config.layers), MAX_LAYERS as u32),
+        ("transformer.hidden", u32::from(config.hidden), MAX_HIDDEN),
+    ];
+    for (what, found, limit) in limits {
+        if found == 0 || found > limit {
+            return Err(Error::Config { what, found, limit });
+        }
+    }
+    if !config.width.is_multiple_of(u16::from(config.heads)) {
+        let (found, limit) = (u32::from(config.heads), u32::from(config.width));
+        return Err(Error::Config { what: "transformer.heads that do not divide the width", found, limit });
+    }
+    check_number("transformer.epsilon", config.epsilon, 1e-12, 1.0)
+}
+
+/// Refuses numbers that are not within a range.
+fn check_number(what: &'static str, found: f32, least: f32, most: f32) -> Result<(), Error> {
+    if found >= least && found <= most { Ok(()) } else { Err(Error::Number { what, bits: found.to_bits() }) }
 }
 
 fn refuse_beyond(values: &[f32], limit: f32, index: u16) -> Result<(), Error> {

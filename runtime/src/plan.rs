@@ -5,6 +5,7 @@ use crate::arena::bytes_of;
 use crate::decoding::stream::CHUNK;
 use crate::model::Model;
 use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
+use crate::planning;
 use crate::refining::{self, Config};
 
 /// The largest request that is to be served.
@@ -16,14 +17,23 @@ pub struct Limits {
     pub anchors: usize,
     /// Refinement.
     pub refinement: Config,
+    /// Planning from text; `None` for tokens and embeddings.
+    pub planning: Option<planning::Limits>,
 }
 
 /// Bytes and work of the largest request inside some [`Limits`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Plan {
     /// Arena bytes in all, from a 16-byte boundary: exactly what [`crate::Generator`] takes.
+    ///
+    /// Tokens lie below everything. Planning comes first and leaves nothing else behind: decoding and refinement take its
+    /// place, so the larger of the two counts.
     pub arena_bytes: usize,
-    /// Of these, bytes of the decoder's layers (the finished joints lie there too).
+    /// Of these, bytes of the tokens.
+    pub token_bytes: usize,
+    /// Bytes of planning, in the place of what follows.
+    pub planning_bytes: usize,
+    /// Bytes of the bytes of the decoder's layers (the finished joints lie there too).
     pub decoder_bytes: usize,
     /// Bytes of the features and their gradient.
     pub feature_bytes: usize,
@@ -37,7 +47,9 @@ pub struct Plan {
     pub evaluations: u32,
     /// Decoder gradients at most.
     pub gradients: u32,
-    /// Multiply-accumulates at most.
+    /// Multiply-accumulates of planning at most: text read, all steps with all their passes.
+    pub planning_macs: u64,
+    /// Multiply-accumulates at most, in all.
     pub macs: u64,
     /// Tokens on either side that a frame depends on.
     pub radius_tokens: usize,
@@ -77,12 +89,21 @@ impl Plan {
             solver_bytes = bytes_of::<f32>(scratch);
             steps = u32::from(limits.refinement.evaluations);
         }
+        let token_bytes = bytes_of::<u16>(tokens * model.codebooks().quantizers());
+        let (mut planning_bytes, mut planning_macs) = (0, 0);
+        if let (Some(limits), Some(modules)) = (&limits.planning, model.planning()) {
+            planning_bytes = modules.bytes(tokens, limits);
+            planning_macs = modules.macs(tokens, limits);
+        }
+        let rest = decoder_bytes + feature_bytes + path_bytes + embedding_bytes + solver_bytes;
         let whole = decoder.macs(tokens, &channels(u32::MAX));
         // The most expensive choice of joints: as many as there are anchors, from the first on.
         let mask = (1u64 << (1 + if limits.anchors < JOINTS { limits.anchors } else { JOINTS })) - 1;
         let partial = decoder.macs(tokens, &channels(mask as u32));
         Plan {
-            arena_bytes: decoder_bytes + feature_bytes + path_bytes + embedding_bytes + solver_bytes,
+            arena_bytes: token_bytes + if planning_bytes > rest { planning_bytes } else { rest },
+            token_bytes,
+            planning_bytes,
             decoder_bytes,
             feature_bytes,
             path_bytes,
@@ -90,24 +111,28 @@ impl Plan {
             solver_bytes,
             evaluations: steps + 1,
             gradients: steps,
-            macs: whole + 2 * u64::from(steps) * partial,
+            planning_macs,
+            macs: planning_macs + whole + 2 * u64::from(steps) * partial,
             radius_tokens: decoder.radius_tokens(),
             latency_frames: decoder.radius_frames(),
         }
     }
 }
 
-/// What a stream is to hold.
+/// The largest stream that is to be served.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StreamLimits {
-    /// Tokens queued at once, at most.
+    /// Tokens that the stream remembers: as many can be queued at once, and as many the planner sees, those that the
+    /// motion goes on from and the new ones together.
     pub tokens: usize,
+    /// Planning of segments; `None` when all tokens are given.
+    pub planning: Option<planning::Limits>,
 }
 
 /// Bytes and work of a stream, however long its motion runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StreamPlan {
-    /// Arena bytes in all, from a 16-byte boundary: exactly what [`crate::Generator::stream`] takes.
+    /// Arena bytes in all, from a 16-byte boundary: exactly what a [`crate::MotionStream`] takes.
     pub arena_bytes: usize,
     /// Of these, bytes that the decoder keeps from one chunk to the next.
     pub state_bytes: usize,
@@ -115,19 +140,22 @@ pub struct StreamPlan {
     pub decoder_bytes: usize,
     /// Bytes of the frames that are handed out, their root path included.
     pub frame_bytes: usize,
-    /// Bytes of the queued tokens.
+    /// Bytes of the tokens.
     pub token_bytes: usize,
+    /// Bytes of planning a segment, in use only while it is planned.
+    pub planning_bytes: usize,
     /// Frames handed out at once, at most.
     pub frames: usize,
     /// Tokens on either side that a frame depends on.
     pub radius_tokens: usize,
     /// Frames by which the output lags behind the tokens.
     pub latency_frames: usize,
-    /// Multiply-accumulates of the decoder for one call of [`crate::MotionStream::frames`], at most; while the motion is
-    /// being finished too.
-    pub macs: u64,
-    /// Multiply-accumulates of the decoder for a token, when they come in full chunks.
-    pub macs_per_token: u64,
+    /// Multiply-accumulates of planning a segment, at most.
+    pub planning_macs: u64,
+    /// Multiply-accumulates of one call of [`crate::MotionStream::frames`], at most, whatever it is called for.
+    pub frames_macs: u64,
+    /// Multiply-accumulates of decoding a token, when they come in full chunks.
+    pub token_macs: u64,
 }
 
 impl StreamPlan {
@@ -137,21 +165,28 @@ impl StreamPlan {
         let decoder = model.decoder();
         let frames = CHUNK * model.frames_per_token();
         let state_bytes = decoder.tail_bytes();
-        let decoder_bytes = decoder.stream_bytes(POSITION_CHANNELS) - state_bytes;
+        let decoder_bytes = decoder.stream_bytes(POSITION_CHANNELS).saturating_sub(state_bytes);
         let frame_bytes = 4 * bytes_of::<f32>(frames) + bytes_of::<f32>(frames * JOINT_COLUMNS);
         let token_bytes = bytes_of::<u16>(limits.tokens * model.codebooks().quantizers());
-        let macs_per_token = decoder.stream_macs(CHUNK, &channels(u32::MAX));
+        let (mut planning_bytes, mut planning_macs) = (0, 0);
+        if let (Some(planning), Some(modules)) = (&limits.planning, model.planning()) {
+            planning_bytes = bytes_of::<u16>(limits.tokens) + modules.bytes(limits.tokens, planning);
+            planning_macs = modules.macs(limits.tokens, planning);
+        }
+        let token_macs = decoder.stream_macs(CHUNK, &channels(u32::MAX));
         StreamPlan {
-            arena_bytes: state_bytes + decoder_bytes + frame_bytes + token_bytes,
+            arena_bytes: state_bytes + decoder_bytes + frame_bytes + token_bytes + planning_bytes,
             state_bytes,
             decoder_bytes,
             frame_bytes,
             token_bytes,
+            planning_bytes,
             frames,
             radius_tokens: decoder.radius_tokens(),
             latency_frames: decoder.radius_frames(),
-            macs: CHUNK as u64 * macs_per_token,
-            macs_per_token,
+            planning_macs,
+            frames_macs: CHUNK as u64 * token_macs,
+            token_macs,
         }
     }
 }

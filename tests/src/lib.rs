@@ -2,6 +2,7 @@
 
 pub mod fuzz;
 pub mod naive;
+pub mod naive_prior;
 pub mod tiny;
 
 use std::path::PathBuf;

@@ -1,7 +1,8 @@
 //! Small random models, written byte by byte from `runtime/src/blob/FORMAT.md`, independently of the converter.
 
 use motionette::blob::{
-    Card, DType, DecoderConfig, Header, MAJOR, MINOR, Manifest, Representation, SelfTest, TensorEntry,
+    Activation, Card, DType, DecoderConfig, Header, MAJOR, MINOR, Manifest, Norm, PlannerConfig, Representation,
+    Sampler, SelfTest, TensorEntry, TextConfig, TransformerConfig,
 };
 use motionette::hash::Stream;
 
@@ -24,6 +25,53 @@ pub struct Shape {
     pub wide: u16,
     /// Longest motion.
     pub max_tokens: u16,
+    /// Text encoder, stored prompts and planner.
+    pub prior: Option<PriorShape>,
+}
+
+/// Shape of a small planner and what it reads.
+#[derive(Debug, Clone)]
+pub struct PriorShape {
+    /// Words in id order; the first two are reserved. Empty: no text encoder.
+    pub words: Vec<&'static str>,
+    /// Names of stored prompts and the rows of their memory.
+    pub bank: Vec<(&'static str, u16)>,
+    /// Longest prompt.
+    pub max_words: u16,
+    /// The encoder; its width is also that of stored prompts.
+    pub text: TransformerConfig,
+    /// The planner.
+    pub planner: TransformerConfig,
+    /// Whether the blob has a planner at all.
+    pub planned: bool,
+    /// Constants of the sampler.
+    pub c: f32,
+    /// Constants of the sampler.
+    pub a: f32,
+}
+
+impl Default for PriorShape {
+    fn default() -> Self {
+        let text = TransformerConfig {
+            width: 12,
+            heads: 3,
+            layers: 1,
+            hidden: 10,
+            norm: Norm::Pre,
+            activation: Activation::Gelu,
+            epsilon: 1e-5,
+        };
+        PriorShape {
+            words: vec!["<none>", "<unknown>", "a", "person", "waves", "run", "left", "hand"],
+            bank: vec![("wave", 3), ("stand still", 1)],
+            max_words: 7,
+            text,
+            planner: TransformerConfig { width: 8, heads: 2, layers: 2, hidden: 14, ..text },
+            planned: true,
+            c: 3.0,
+            a: 0.9,
+        }
+    }
 }
 
 impl Default for Shape {
@@ -37,7 +85,16 @@ impl Default for Shape {
             dilations: vec![3, 1],
             wide: 4,
             max_tokens: 49,
+            prior: None,
         }
+    }
+}
+
+impl Shape {
+    /// The default with a planner of the default shape.
+    #[must_use]
+    pub fn with_prior() -> Self {
+        Shape { max_tokens: 13, prior: Some(PriorShape::default()), ..Shape::default() }
     }
 }
 
@@ -61,6 +118,52 @@ pub struct Layer {
     pub biases: Vec<f64>,
 }
 
+/// Weight and bias of a normalisation.
+pub type NormWeights = (Vec<f64>, Vec<f64>);
+
+/// Embedding rows, `[rows][width]`.
+pub type Table = Vec<Vec<f64>>;
+
+/// A transformer block with its weights as real numbers.
+#[derive(Debug, Clone)]
+pub struct Block {
+    /// Before or behind self-attention.
+    pub norm1: NormWeights,
+    /// Queries, keys, values.
+    pub qkv: Layer,
+    /// Behind self-attention.
+    pub out: Layer,
+    /// Norm, queries, keys and values, output of cross-attention.
+    pub cross: Option<(NormWeights, Layer, Layer, Layer)>,
+    /// Before or behind the feed-forward layer.
+    pub norm2: NormWeights,
+    /// To the hidden width.
+    pub up: Layer,
+    /// And back.
+    pub down: Layer,
+}
+
+/// Text encoder, stored prompts and planner with their weights as real numbers.
+#[derive(Debug, Clone)]
+pub struct Prior {
+    /// Word embeddings, position embeddings, blocks, last norm; `None` without an encoder.
+    pub encoder: Option<(Table, Table, Vec<Block>, NormWeights)>,
+    /// Length head.
+    pub length: Layer,
+    /// Stored prompts, `[rows + 1][dt]`.
+    pub bank: Vec<Table>,
+    /// Pooled vector to row 0.
+    pub global: Layer,
+    /// Time, boundary, position, end, fixed.
+    pub tables: [Table; 5],
+    /// Blocks.
+    pub blocks: Vec<Block>,
+    /// Last norm.
+    pub norm: NormWeights,
+    /// Hidden rows to logits.
+    pub token: Layer,
+}
+
 /// A blob and what is in it.
 #[derive(Debug, Clone)]
 pub struct Tiny {
@@ -74,6 +177,8 @@ pub struct Tiny {
     pub mean: Vec<f64>,
     /// `[F]`
     pub std: Vec<f64>,
+    /// Planner and what it reads.
+    pub prior: Option<Prior>,
     words: Vec<u128>,
     len: usize,
 }
@@ -157,6 +262,89 @@ impl Writer {
     }
 }
 
+impl Writer {
+    fn linear(&mut self, name: &str, outputs: u16, inputs: u16) -> Layer {
+        self.layer(name, 1, 1, outputs, inputs, 0)
+    }
+
+    fn table(&mut self, name: &str, rows: u16, width: u16) -> Table {
+        let (count, columns) = (usize::from(rows) * usize::from(width), usize::from(width));
+        let values: Vec<i8> = (0..count).map(|_| self.int8()).collect();
+        let scales: Vec<f32> = (0..rows).map(|_| (0.5 + self.random.unit()) / 127.0).collect();
+        self.tensor(name, DType::I8, [1, rows, width], values.iter().map(|&v| v as u8));
+        self.singles("s", &scales);
+        let rows = values.chunks(columns).zip(&scales);
+        rows.map(|(row, s)| row.iter().map(|&v| f64::from(v) * f64::from(*s)).collect()).collect()
+    }
+
+    fn norm(&mut self, name: &str, width: u16) -> NormWeights {
+        let weight: Vec<f32> = (0..width).map(|_| 1.0 + 0.3 * self.signed()).collect();
+        let bias: Vec<f32> = (0..width).map(|_| 0.2 * self.signed()).collect();
+        self.singles(name, &weight);
+        self.singles("b", &bias);
+        let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect();
+        (wide(&weight), wide(&bias))
+    }
+
+    fn block(&mut self, config: &TransformerConfig, memory: Option<u16>) -> Block {
+        let d = config.width;
+        Block {
+            norm1: self.norm("n1", d),
+            qkv: self.linear("qkv", 3 * d, d),
+            out: self.linear("out", d, d),
+            cross: memory.map(|dt| {
+                (self.norm("nc", d), self.linear("cq", d, d), self.linear("ckv", 2 * d, dt), self.linear("co", d, d))
+            }),
+            norm2: self.norm("n2", d),
+            up: self.linear("up", config.hidden, d),
+            down: self.linear("down", d, config.hidden),
+        }
+    }
+
+    /// The tensors behind the decoder's, in the order of `FORMAT.md`.
+    fn prior(&mut self, shape: &Shape, prior: &PriorShape) -> Prior {
+        let dt = prior.text.width;
+        let encoder = (!prior.words.is_empty()).then(|| {
+            let embedding = self.table("words", prior.words.len() as u16, dt);
+            let position = self.table("places", prior.max_words, dt);
+            let blocks = (0..prior.text.layers).map(|_| self.block(&prior.text, None)).collect();
+            (embedding, position, blocks, self.norm("n", dt))
+        });
+        let length = self.linear("length", shape.max_tokens, dt);
+        let bank = prior.bank.iter().map(|(name, rows)| {
+            let bits: Vec<u16> =
+                (0..usize::from(rows + 1) * usize::from(dt)).map(|_| half_bits(2.0 * self.signed())).collect();
+            let bytes = bits.iter().flat_map(|v| v.to_le_bytes());
+            self.tensor(name, DType::F16, [1, rows + 1, dt], bytes);
+            bits.chunks(usize::from(dt)).map(|row| row.iter().map(|&v| half_value(v)).collect()).collect()
+        });
+        let bank = bank.collect();
+        if !prior.planned {
+            let none = Layer { taps: 1, dilation: 1, outputs: 0, inputs: 0, weights: vec![], biases: vec![] };
+            let tables = [vec![], vec![], vec![], vec![], vec![]];
+            let norm = (vec![], vec![]);
+            return Prior { encoder, length, bank, global: none.clone(), tables, blocks: vec![], norm, token: none };
+        }
+        let d = prior.planner.width;
+        Prior {
+            encoder,
+            length,
+            bank,
+            global: self.linear("global", d, dt),
+            tables: [
+                self.table("time", 32, d),
+                self.table("boundary", 4, d),
+                self.table("position", shape.max_tokens, d),
+                self.table("end", shape.max_tokens, d),
+                self.table("fixed", 1, d),
+            ],
+            blocks: (0..prior.planner.layers).map(|_| self.block(&prior.planner, Some(dt))).collect(),
+            norm: self.norm("n", d),
+            token: self.linear("token", shape.codes, d),
+        }
+    }
+}
+
 impl Tiny {
     /// A model with random weights.
     ///
@@ -194,6 +382,23 @@ impl Tiny {
         layers.push(writer.layer("decoder.middle", 3, 1, width, width, 0));
         layers.push(writer.layer("decoder.output", 3, 1, FEATURES, width, shape.wide));
 
+        let prior = shape.prior.as_ref().map(|prior| writer.prior(&shape, prior));
+        let (mut vocabulary, mut bank) = (String::new(), String::new());
+        if let Some(prior) = &shape.prior {
+            vocabulary = prior.words.join("\n");
+            bank = prior.bank.iter().map(|(name, _)| *name).collect::<Vec<_>>().join("\n");
+        }
+        let text = shape.prior.as_ref().map(|prior| TextConfig {
+            width: prior.text.width,
+            max_words: prior.max_words,
+            vocabulary: &vocabulary,
+            encoder: (!prior.words.is_empty()).then_some(prior.text),
+            bank: &bank,
+        });
+        let planner = shape.prior.as_ref().filter(|prior| prior.planned).map(|prior| PlannerConfig {
+            transformer: prior.planner,
+            sampler: Sampler::Tmd { c: prior.c, a: prior.a },
+        });
         let manifest = Manifest {
             card: Card { name: "tiny", licence: "MIT OR Apache-2.0", data: "random numbers", checkpoint: "" },
             representation: Representation::HumanMl3d,
@@ -208,6 +413,8 @@ impl Tiny {
                 dilations: shape.dilations.iter().copied().collect(),
                 features: FEATURES,
             },
+            text,
+            planner,
             self_test: SelfTest { seed: 0, tokens: 0, hash: 0 },
             tensor_count: writer.entries.len() as u16,
         };
@@ -219,7 +426,7 @@ impl Tiny {
             *word = u128::from_le_bytes(whole);
         }
         let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect();
-        Tiny { layers, codes, mean: wide(&mean), std: wide(&std), len: blob.len(), words, shape }
+        Tiny { layers, codes, mean: wide(&mean), std: wide(&std), prior, len: blob.len(), words, shape }
     }
 
     /// The blob, aligned as a reader needs it.

@@ -116,7 +116,8 @@ fn self_test_of_a_converted_blob_passes() {
     let blob = blob(&folder.join("rvq.safetensors"));
     let model = blob.model().expect("checked");
     let test = model.self_test();
-    let limits = Limits { tokens: usize::from(test.tokens), anchors: 0, refinement: Default::default() };
+    let limits =
+        Limits { tokens: usize::from(test.tokens), anchors: 0, refinement: Default::default(), planning: None };
     let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(16)];
     let mut generator =
         motionette::Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).expect("default rounding");

@@ -8,12 +8,13 @@ use serde::Serialize;
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/style.css");
 /// Scripts in the order in which they build on one another.
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 7] = [
     include_str!("page/scene.js"),
     include_str!("page/camera.js"),
     include_str!("page/body.js"),
     include_str!("page/stage.js"),
     include_str!("page/chart.js"),
+    include_str!("page/tokens.js"),
     include_str!("page/app.js"),
 ];
 
@@ -63,6 +64,37 @@ pub struct CurvePoint {
     pub error_cm: f64,
 }
 
+/// A word of the prompt.
+#[derive(Debug, Serialize)]
+pub struct ShownWord {
+    /// As it was written.
+    pub text: String,
+    /// Whether the model knows it.
+    pub known: bool,
+}
+
+/// How the planner came to its tokens.
+#[derive(Debug, Serialize)]
+pub struct ShownPlan {
+    /// The prompt.
+    pub words: Vec<ShownWord>,
+    /// Tokens after each planner step.
+    pub steps: Vec<Vec<u16>>,
+    /// Positions that were fixed in advance.
+    pub fixed: Vec<u16>,
+}
+
+/// What a stage cost.
+#[derive(Debug, Serialize)]
+pub struct ShownStage {
+    /// Its name.
+    pub label: &'static str,
+    /// Multiply-accumulates.
+    pub macs: u64,
+    /// Time on this machine.
+    pub milliseconds: f64,
+}
+
 /// A line of the figures.
 #[derive(Debug, Serialize)]
 pub struct Fact {
@@ -83,6 +115,12 @@ pub struct Scene {
     pub fps: u16,
     /// Frames.
     pub frames: usize,
+    /// Frames a token.
+    pub frames_per_token: usize,
+    /// How the tokens were planned; `None` for tokens that were given.
+    pub plan: Option<ShownPlan>,
+    /// Cost by stage.
+    pub stages: Vec<ShownStage>,
     /// Names of the joints.
     pub joint_names: Vec<&'static str>,
     /// Parent of each joint.

@@ -150,6 +150,16 @@ pub enum ErrorKind {
         /// Value understood.
         expected: &'static str,
     },
+    /// A prior was trained on the tokens of another tokenizer.
+    #[error(
+        "the prior was trained on the tokens of another tokenizer: its codebook's SHA-256 is {expected}, this one's is {actual}; give the tokenizer it was trained with"
+    )]
+    OtherTokenizer {
+        /// Hash that the prior names.
+        expected: String,
+        /// Hash of the tokenizer given.
+        actual: String,
+    },
 }
 
 /// Shorthand inside this module.

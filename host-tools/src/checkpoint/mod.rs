@@ -1,15 +1,17 @@
-//! Tokenizer checkpoints: MoMask's RVQ-VAE, T2M-GPT's VQ-VAE and our own, from safetensors files or torch containers.
+//! Checkpoints: tokenizers (MoMask's RVQ-VAE, T2M-GPT's VQ-VAE and our own), and our priors, from safetensors files or torch
+//! containers.
 //!
-//! One type comes out, [`TokenizerCheckpoint`], with every tensor checked. Nothing in a file is executed, every length is
+//! Two types come out, [`TokenizerCheckpoint`] and [`PriorCheckpoint`], with every tensor checked. Nothing in a file is executed, every length is
 //! checked before it is used, and errors name the tensor or option, what was expected and what was found.
 //!
 //! The layers, from bytes up: [`zip`] and [`pickle`] (torch containers), [`torch`] and [`safetensors`] (named tensors),
-//! [`options`] and [`config`] (sizes), [`tokenizer`] (the checked network).
+//! [`options`] and [`config`] (sizes), [`tokenizer`] and [`prior`] (the checked networks).
 
 pub mod config;
 pub mod error;
 pub mod options;
 pub mod pickle;
+pub mod prior;
 pub mod safetensors;
 pub mod tensors;
 pub mod tokenizer;
@@ -21,6 +23,7 @@ use std::path::{Path, PathBuf};
 
 pub use config::{Config, Source};
 pub use error::{Error, ErrorKind};
+pub use prior::{PriorCheckpoint, PriorConfig};
 pub use tensors::{Tensor, TensorMap};
 pub use tokenizer::{Conv1d, Decoder, DecoderStage, Encoder, EncoderStage, ResBlock, Statistics, TokenizerCheckpoint};
 
@@ -87,6 +90,14 @@ pub fn tensors_of(bytes: &[u8]) -> Result<(TensorMap, BTreeMap<String, String>)>
     }
 }
 
+/// Refuses metadata that say something else than `expected`.
+fn expect_entry(key: &'static str, actual: Option<&String>, expected: &'static str) -> Result<()> {
+    match actual {
+        Some(a) if a == expected => Ok(()),
+        other => Err(ErrorKind::Version { key, actual: other.map_or("nothing", String::as_str).to_owned(), expected }),
+    }
+}
+
 fn configuration(
     path: &Path,
     map: &TensorMap,
@@ -94,12 +105,8 @@ fn configuration(
     companions: &Companions,
 ) -> Result<Config> {
     if let Some(format) = metadata.get("format").filter(|f| f.starts_with("motionette")) {
-        let expect = |key: &'static str, actual: Option<&str>, expected: &'static str| match actual {
-            Some(a) if a == expected => Ok(()),
-            other => Err(ErrorKind::Version { key, actual: other.unwrap_or("nothing").to_owned(), expected }),
-        };
-        expect("format", Some(format), "motionette-tokenizer")?;
-        expect("version", metadata.get("version").map(String::as_str), "1")?;
+        expect_entry("format", Some(format), "motionette-tokenizer")?;
+        expect_entry("version", metadata.get("version"), "1")?;
         let text = metadata.get("config").ok_or_else(|| ErrorKind::MissingOption { key: "config".into() })?;
         return Config::from_json(text);
     }

@@ -1,23 +1,28 @@
 //! `motionette convert`: a checkpoint into a blob.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::model::{CheckpointFiles, grouped};
 use super::{bar, say};
-use crate::convert::{self, CardText, Options, Rounding, calibration};
+use crate::checkpoint::PriorCheckpoint;
+use crate::checkpoint::prior;
+use crate::convert::{self, CardText, Options, PriorSource, Rounding, bank, calibration};
 use crate::dataset::Dataset;
 use crate::output::write_atomic;
 
-/// Quantises a tokenizer checkpoint and writes the blob that devices run.
+/// Quantises a tokenizer checkpoint, and a prior if one is given, and writes the blob that devices run.
 ///
 /// Reads our own checkpoints, MoMask's RVQ-VAE (.tar or .safetensors with opt.txt) and T2M-GPT's VQ-VAE (.pth or .safetensors with
 /// t2mgpt_args.json). With a dataset, rounding is calibrated on its train split; without, on random tokens.
 ///
-/// Example: motionette convert nano.safetensors --calibration data/pack.mds -o nano.blob
+/// With a prior the blob makes motions from text. Prompts of a bank file (a prompt a line: name, tab, text) are encoded here and stored
+/// under their names; with --no-text-encoder these are all that the blob can be asked for.
+///
+/// Example: motionette convert nano.safetensors --prior nano.prior.safetensors --calibration data/pack.mds -o nano.blob
 #[derive(Debug, Args)]
 pub(super) struct Cmd {
     /// The checkpoint.
@@ -30,6 +35,15 @@ pub(super) struct Cmd {
     calibration: Option<PathBuf>,
     #[command(flatten)]
     files: CheckpointFiles,
+    /// Prior of the tokenizer's tokens: text encoder and planner.
+    #[arg(long, value_name = "FILE")]
+    prior: Option<PathBuf>,
+    /// Prompts to store in the blob, a prompt a line: name, tab, text.
+    #[arg(long, value_name = "FILE", requires = "prior")]
+    bank: Option<PathBuf>,
+    /// Leave the text encoder out: the blob can be asked for stored prompts only.
+    #[arg(long, requires = "bank")]
+    no_text_encoder: bool,
     /// Name of the model in its card; else the checkpoint's preset or file name.
     #[arg(long)]
     name: Option<String>,
@@ -64,6 +78,16 @@ enum Way {
 impl Cmd {
     pub(super) fn run(self) -> Result<Value> {
         let checkpoint = self.files.load(&self.checkpoint)?;
+        let prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
+        if let Some(prior) = &prior {
+            prior.check_tokenizer(&checkpoint).context("matching prior and tokenizer")?;
+        }
+        let bank = match (&prior, &self.bank) {
+            (Some(prior), Some(path)) => stored_prompts(prior, path, self.no_text_encoder)?,
+            _ => Vec::new(),
+        };
+        let source =
+            prior.as_ref().map(|p| PriorSource { checkpoint: p, bank: &bank, text_encoder: !self.no_text_encoder });
         let rounding = match self.rounding {
             Way::Nearest => Rounding::Nearest,
             Way::Clipped => Rounding::Clipped,
@@ -85,7 +109,11 @@ impl Cmd {
         };
         let stem = || self.checkpoint.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let preset = Some(checkpoint.config.preset.clone()).filter(|p| !p.is_empty());
-        let hash = crate::checkpoint::file_hash(&self.checkpoint).context("hashing the checkpoint")?;
+        // "tokenizer" or "tokenizer+prior": `verify` looks for either.
+        let mut hash = crate::checkpoint::file_hash(&self.checkpoint).context("hashing the checkpoint")?;
+        if let Some(path) = &self.prior {
+            hash = format!("{hash}+{}", crate::checkpoint::file_hash(path).context("hashing the prior")?);
+        }
         let card = CardText {
             name: self.name.or(preset).unwrap_or_else(stem),
             licence: self.licence,
@@ -93,7 +121,7 @@ impl Cmd {
             checkpoint: hash,
         };
         let progress = bar(checkpoint.decoder.convolutions().len() as u64, "layers");
-        let conversion = convert::convert(&checkpoint, &options, &latents, &card, |layer| {
+        let conversion = convert::convert_with_prior(&checkpoint, source, &options, &latents, &card, |layer| {
             progress.set_message(layer.to_owned());
             progress.inc(1);
         })?;
@@ -105,9 +133,27 @@ impl Cmd {
             "output": self.output,
             "bytes": bytes.len(),
             "layers": conversion.layers.len(),
+            "words": prior.as_ref().filter(|_| !self.no_text_encoder).map(|p| p.config.vocabulary.len()),
+            "bank": bank.iter().map(|e| &e.name).collect::<Vec<_>>(),
             "calibration_sequences": latents.len(),
             "name": card.name,
             "checkpoint": card.checkpoint,
         }))
     }
+}
+
+/// Reads and encodes a bank file; says which words the vocabulary does not have.
+fn stored_prompts(prior: &PriorCheckpoint, path: &Path, unconditional: bool) -> Result<Vec<bank::Entry>> {
+    let what = || format!("storing the prompts of {}", path.display());
+    let prompts = bank::read(path).with_context(what)?;
+    ensure!(!prompts.is_empty(), "{} holds no prompt; write a name, a tab and a prompt a line", path.display());
+    let entries = bank::encode(prior, &prompts, unconditional).with_context(what)?;
+    for entry in entries.iter().filter(|e| !e.unknown.is_empty()) {
+        say(&format!(
+            "note: prompt {:?} has words the vocabulary does not have: {}",
+            entry.name,
+            entry.unknown.join(", ")
+        ));
+    }
+    Ok(entries)
 }

@@ -2,14 +2,15 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::Value;
 
 use super::model::{CheckpointFiles, grouped};
 use super::say;
 use crate::blob_file::BlobFile;
-use crate::inspect::{self, Inspection};
+use crate::checkpoint::prior;
+use crate::inspect::{self, Inspection, LayerInfo, PriorInfo};
 
 /// Shows every tensor of a blob, its size and range, the work of every layer, and what quantisation cost it.
 ///
@@ -23,6 +24,12 @@ pub(super) struct Cmd {
     checkpoint: Option<PathBuf>,
     #[command(flatten)]
     files: CheckpointFiles,
+    /// The prior it came from: adds the quantisation error of text encoder and planner.
+    #[arg(long, value_name = "FILE")]
+    prior: Option<PathBuf>,
+    /// List the words of the vocabulary.
+    #[arg(long)]
+    vocabulary: bool,
 }
 
 impl Cmd {
@@ -32,8 +39,16 @@ impl Cmd {
         if let Some(checkpoint) = &checkpoint {
             crate::verify::check_same_model(&blob, checkpoint)?;
         }
-        let inspection = inspect::inspect(&blob, checkpoint.as_ref())?;
+        let prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
+        if let Some(prior) = &prior {
+            crate::verify::check_same_prior(&blob, prior)?;
+        }
+        let inspection = inspect::inspect(&blob, checkpoint.as_ref(), prior.as_ref())?;
         show(&inspection);
+        if self.vocabulary {
+            let words = inspection.prior.as_ref().map_or(&[][..], |p| &p.vocabulary);
+            say(&format!("\n{} words\n{}", words.len(), words.join(" ")));
+        }
         Ok(serde_json::to_value(&inspection)?)
     }
 }
@@ -41,6 +56,9 @@ impl Cmd {
 fn show(i: &Inspection) {
     say(&format!("{}  format {}  {} bytes", i.name, i.version, grouped(i.bytes as u64)));
     say(&format!("  decoder     {}", i.decoder));
+    if let Some(p) = &i.prior {
+        show_prior(p);
+    }
     say(&format!("  motion      {} frames/s, at most {} tokens", i.frame_rate, i.max_tokens));
     say(&format!("  licence     {}", i.licence));
     say(&format!("  data        {}", i.data));
@@ -56,10 +74,35 @@ fn show(i: &Inspection) {
             t.name, t.dtype, shape, t.bytes, t.min, t.max
         ));
     }
+    layers(&i.layers);
+    say(&format!("{} MAC a forward pass of all channels", grouped(i.layers.iter().map(|l| l.macs).sum())));
+    if let Some(prior) = &i.prior {
+        layers(&prior.layers);
+        let work = |part: &str| prior.layers.iter().filter(|l| l.name.starts_with(part)).map(|l| l.macs).sum();
+        say(&format!("{} MAC a text, {} MAC a planner pass", grouped(work("text.")), grouped(work("planner."))));
+    }
+}
+
+fn show_prior(p: &PriorInfo) {
+    match &p.text {
+        Some(text) => {
+            say(&format!("  text        {text}; {} words, prompts of at most {}", p.vocabulary.len(), p.max_words));
+        }
+        None => say("  text        no encoder"),
+    }
+    if !p.bank.is_empty() {
+        say(&format!("  prompts     {} stored: {}", p.bank.len(), p.bank.join(", ")));
+    }
+    if let Some(planner) = &p.planner {
+        say(&format!("  planner     {planner}"));
+    }
+}
+
+fn layers(layers: &[LayerInfo]) {
     say(
         "\nlayer                                   scales                    rows           MAC  weight error (rms, max)",
     );
-    for l in &i.layers {
+    for l in layers {
         let error = match (l.weight_error, l.weight_error_max) {
             (Some(rms), Some(max)) => format!("{:.3} %  {max:.5}", 100.0 * rms),
             _ => String::new(),
@@ -73,5 +116,4 @@ fn show(i: &Inspection) {
             grouped(l.macs)
         ));
     }
-    say(&format!("{} MAC a forward pass of all channels", grouped(i.layers.iter().map(|l| l.macs).sum())));
 }

@@ -1,15 +1,17 @@
 //! Writes the blob: header, manifest, tensors (`runtime/src/blob/FORMAT.md`).
 
 use motionette::blob::{
-    ALIGNMENT, Card, DType, DecoderConfig, HEADER_LEN, Header, MAJOR, MAX_BLOCKS, MAX_STAGES, MINOR, Manifest,
-    Representation, SelfTest, TensorEntry,
+    ALIGNMENT, Activation, Card, DType, DecoderConfig, HEADER_LEN, Header, MAJOR, MAX_BLOCKS, MAX_STAGES, MINOR,
+    Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry, TextConfig, TransformerConfig,
 };
 use motionette::hash::Stream;
 use motionette::{Generator, Limits, Model, Plan, Request};
 
 use super::conv1d::{QuantisedConv1d, split};
-use super::{CardText, Error, MAX_TOKENS};
+use super::prior::{QuantisedPart, QuantisedPrior};
+use super::{CardText, Error, MAX_TOKENS, PriorSource};
 use crate::checkpoint::TokenizerCheckpoint;
+use crate::checkpoint::prior::{self, NormOrder};
 
 /// Seed of the self-test's tokens.
 const SELF_TEST_SEED: u32 = 1;
@@ -53,23 +55,55 @@ struct Tensor {
     bytes: Vec<u8>,
 }
 
-/// Serialises `checkpoint` with its quantised decoder `layers` and a self-test, and has the runtime open and run it.
+/// Everything of a manifest that does not depend on bytes.
+struct Facts<'a> {
+    card: &'a CardText,
+    frame_rate: u16,
+    max_tokens: u16,
+    decoder: DecoderConfig,
+    text: Option<Text>,
+    planner: Option<PlannerConfig>,
+}
+
+/// [`TextConfig`] with text of its own.
+struct Text {
+    width: u16,
+    max_words: u16,
+    vocabulary: String,
+    encoder: Option<TransformerConfig>,
+    bank: String,
+}
+
+/// Serialises `checkpoint` with its quantised decoder `layers`, the prior if there is one, and a self-test, and has the runtime open and
+/// run it.
 ///
 /// # Errors
 /// [`Error`], when a size does not fit, or the runtime refuses the result.
 pub fn write(
     checkpoint: &TokenizerCheckpoint,
     layers: &[QuantisedConv1d],
+    prior: Option<(PriorSource<'_>, &QuantisedPrior)>,
     card: &CardText,
 ) -> Result<AlignedBlob, Error> {
-    let tensors = tensors(checkpoint, layers)?;
-    let config = decoder_config(checkpoint)?;
+    let mut tensors = tensors(checkpoint, layers)?;
+    if let Some((source, quantised)) = &prior {
+        push_prior(&mut tensors, source, quantised)?;
+    }
+    let source = prior.as_ref().map(|(source, _)| source);
+    let facts = Facts {
+        card,
+        frame_rate: checkpoint.config.fps.round() as u16,
+        max_tokens: narrow(source.map_or(MAX_TOKENS, |s| s.checkpoint.config.max_tokens), "longest motion")?,
+        decoder: decoder_config(checkpoint)?,
+        text: source.map(text_config).transpose()?,
+        planner: source.map(planner_config).transpose()?,
+    };
     let quantizers = checkpoint.config.quantizers;
-    let mut self_test =
-        SelfTest { seed: SELF_TEST_SEED, tokens: (SELF_TEST_NUMBERS / quantizers).max(1) as u16, hash: 0 };
-    let first = assemble(checkpoint, &tensors, &config, card, self_test)?;
+    let tokens = (SELF_TEST_NUMBERS / quantizers).max(1).min(usize::from(facts.max_tokens));
+    let mut self_test = SelfTest { seed: SELF_TEST_SEED, tokens: tokens as u16, hash: 0 };
+    let first = assemble(&tensors, &facts, self_test)?;
     self_test.hash = run_self_test(first.bytes(), &self_test)?;
-    assemble(checkpoint, &tensors, &config, card, self_test)
+    assemble(&tensors, &facts, self_test)
 }
 
 /// Decodes the self-test's tokens and hashes the motion.
@@ -79,19 +113,14 @@ fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
     let count = usize::from(test.tokens) * model.codebooks().quantizers();
     let codes = model.codebooks().codes() as u32;
     let tokens: Vec<u16> = (0..count).map(|_| stream.below(codes) as u16).collect();
-    let limits = Limits { tokens: usize::from(test.tokens), anchors: 0, refinement: Default::default() };
+    let limits =
+        Limits { tokens: usize::from(test.tokens), anchors: 0, refinement: Default::default(), planning: None };
     let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(ALIGNMENT)];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(Error::SelfTest)?;
     Ok(generator.generate(&Request::tokens(&tokens), &mut ()).map_err(Error::SelfTest)?.hash())
 }
 
-fn assemble(
-    checkpoint: &TokenizerCheckpoint,
-    tensors: &[Tensor],
-    decoder: &DecoderConfig,
-    card: &CardText,
-    self_test: SelfTest,
-) -> Result<AlignedBlob, Error> {
+fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Result<AlignedBlob, Error> {
     let mut weights: Vec<u8> = Vec::new();
     let mut table = Vec::new();
     for tensor in tensors {
@@ -102,11 +131,24 @@ fn assemble(
         weights.extend_from_slice(&tensor.bytes);
     }
     let manifest = Manifest {
-        card: Card { name: &card.name, licence: &card.licence, data: &card.data, checkpoint: &card.checkpoint },
+        card: Card {
+            name: &facts.card.name,
+            licence: &facts.card.licence,
+            data: &facts.card.data,
+            checkpoint: &facts.card.checkpoint,
+        },
         representation: Representation::HumanMl3d,
-        frame_rate: checkpoint.config.fps.round() as u16,
-        max_tokens: MAX_TOKENS as u16,
-        decoder: decoder.clone(),
+        frame_rate: facts.frame_rate,
+        max_tokens: facts.max_tokens,
+        decoder: facts.decoder.clone(),
+        text: facts.text.as_ref().map(|t| TextConfig {
+            width: t.width,
+            max_words: t.max_words,
+            vocabulary: &t.vocabulary,
+            encoder: t.encoder,
+            bank: &t.bank,
+        }),
+        planner: facts.planner,
         self_test,
         tensor_count: narrow::<u16>(tensors.len(), "number of tensors")?,
     };
@@ -155,6 +197,88 @@ fn decoder_config(checkpoint: &TokenizerCheckpoint) -> Result<DecoderConfig, Err
         dilations,
         features: narrow(c.features, "number of features")?,
     })
+}
+
+fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
+    let c = &source.checkpoint.config;
+    let names: Vec<&str> = source.bank.iter().map(|e| e.name.as_str()).collect();
+    let (vocabulary, encoder) = if source.text_encoder {
+        (c.vocabulary.join("\n"), Some(transformer_config(c, c.text)?))
+    } else {
+        (String::new(), None)
+    };
+    Ok(Text {
+        width: narrow(c.text.width, "width of the text encoder")?,
+        max_words: narrow(c.max_words, "longest prompt")?,
+        vocabulary,
+        encoder,
+        bank: names.join("\n"),
+    })
+}
+
+fn planner_config(source: &PriorSource<'_>) -> Result<PlannerConfig, Error> {
+    let c = &source.checkpoint.config;
+    let sampler = Sampler::Tmd { c: c.c as f32, a: c.a as f32 };
+    Ok(PlannerConfig { transformer: transformer_config(c, c.planner)?, sampler })
+}
+
+fn transformer_config(c: &prior::PriorConfig, sizes: prior::Sizes) -> Result<TransformerConfig, Error> {
+    Ok(TransformerConfig {
+        width: narrow(sizes.width, "width of a transformer")?,
+        heads: narrow(sizes.heads, "number of heads")?,
+        layers: narrow(sizes.layers, "number of layers")?,
+        hidden: narrow(sizes.hidden, "hidden width of a transformer")?,
+        norm: match c.norm {
+            NormOrder::Pre => Norm::Pre,
+            NormOrder::Post => Norm::Post,
+        },
+        activation: match c.activation {
+            prior::Activation::Gelu => Activation::Gelu,
+            prior::Activation::Relu => Activation::Relu,
+        },
+        epsilon: c.epsilon as f32,
+    })
+}
+
+/// Text encoder or its length head alone, stored prompts, planner.
+fn push_prior(tensors: &mut Vec<Tensor>, source: &PriorSource<'_>, prior: &QuantisedPrior) -> Result<(), Error> {
+    let length = prior.text.len().saturating_sub(1);
+    for part in &prior.text[if source.text_encoder { 0 } else { length }..] {
+        push_part(tensors, part)?;
+    }
+    let width = source.checkpoint.config.text.width;
+    for entry in source.bank {
+        let mut bytes = Vec::with_capacity(2 * entry.rows.len());
+        for &value in &entry.rows {
+            let half = half::f16::from_f32(value);
+            if !half.is_finite() {
+                return Err(Error::Prompt { name: entry.name.clone(), value });
+            }
+            bytes.extend(half.to_le_bytes());
+        }
+        let rows = narrow(entry.rows.len() / width, "rows of a stored prompt")?;
+        let shape = [1, rows, narrow(width, "width of the text encoder")?];
+        // The table bounds the length of names, and a prompt may have the name of another tensor.
+        let name = format!("bank.{}", tensors.iter().filter(|t| t.name.starts_with("bank.")).count());
+        tensors.push(Tensor { name, dtype: DType::F16, shape, bytes });
+    }
+    prior.planner.iter().try_for_each(|part| push_part(tensors, part))
+}
+
+fn push_part(tensors: &mut Vec<Tensor>, part: &QuantisedPart) -> Result<(), Error> {
+    match part {
+        QuantisedPart::Linear(layer) => push_layer(tensors, layer)?,
+        QuantisedPart::Table(table) => {
+            push_layer(tensors, table)?;
+            // A table has no bias.
+            tensors.pop();
+        }
+        QuantisedPart::Norm(norm) => {
+            tensors.push(singles(format!("{}.weight", norm.name), &norm.weight)?);
+            tensors.push(singles(format!("{}.bias", norm.name), &norm.bias)?);
+        }
+    }
+    Ok(())
 }
 
 fn tensors(checkpoint: &TokenizerCheckpoint, layers: &[QuantisedConv1d]) -> Result<Vec<Tensor>, Error> {

@@ -53,6 +53,17 @@ pub enum Error {
         /// Shortest useful clip.
         least: usize,
     },
+    /// The prior does not belong to the tokenizer.
+    #[error(transparent)]
+    Prior(crate::checkpoint::ErrorKind),
+    /// A stored prompt that half precision cannot hold.
+    #[error("the stored prompt {name:?} holds {value}, beyond the range of half precision (65504)")]
+    Prompt {
+        /// Its name.
+        name: String,
+        /// The value.
+        value: f32,
+    },
     /// Postcard could not write the manifest.
     #[error("the manifest cannot be serialised: {0}")]
     Manifest(#[from] postcard::Error),

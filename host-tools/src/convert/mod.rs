@@ -12,8 +12,11 @@
 //! | [`rounding`] | one row of weights to integers |
 //! | [`conv1d`] | one layer |
 //! | [`decoder`] | all layers, each calibrated behind the quantised ones before it |
+//! | [`prior`] | text encoder and planner |
+//! | [`bank`] | prompts encoded beforehand |
 //! | [`blob`] | bytes, self-test |
 
+pub mod bank;
 pub mod blob;
 pub mod calibration;
 pub mod conv1d;
@@ -21,6 +24,7 @@ pub mod decoder;
 pub mod error;
 pub mod linear_algebra;
 pub mod moments;
+pub mod prior;
 pub mod rounding;
 
 pub use blob::AlignedBlob;
@@ -28,7 +32,8 @@ pub use conv1d::{Options, QuantisedConv1d};
 pub use error::Error;
 pub use rounding::Rounding;
 
-use crate::checkpoint::TokenizerCheckpoint;
+use crate::checkpoint::{PriorCheckpoint, TokenizerCheckpoint};
+use prior::QuantisedPrior;
 
 /// Longest motion of our models: 196 frames.
 pub const MAX_TOKENS: usize = 49;
@@ -55,6 +60,19 @@ pub struct Conversion {
     pub blob: AlignedBlob,
     /// Its decoder in integers.
     pub layers: Vec<QuantisedConv1d>,
+    /// Its text encoder and planner in integers.
+    pub prior: Option<QuantisedPrior>,
+}
+
+/// A prior that goes into a blob, and how.
+#[derive(Debug, Clone, Copy)]
+pub struct PriorSource<'a> {
+    /// The prior.
+    pub checkpoint: &'a PriorCheckpoint,
+    /// Prompts to store ([`bank::encode`]).
+    pub bank: &'a [bank::Entry],
+    /// Whether the text encoder goes in; without it the bank must hold the unconditional prompt.
+    pub text_encoder: bool,
 }
 
 /// Quantises `checkpoint` with `options`, calibrated on `latents`, and writes the blob.
@@ -70,7 +88,26 @@ pub fn convert(
     card: &CardText,
     progress: impl FnMut(&str),
 ) -> Result<Conversion, Error> {
+    convert_with_prior(checkpoint, None, options, latents, card, progress)
+}
+
+/// The same with text encoder, stored prompts and planner.
+///
+/// # Errors
+/// [`Error`]; [`Error::Prior`] for a prior of another tokenizer.
+pub fn convert_with_prior(
+    checkpoint: &TokenizerCheckpoint,
+    prior: Option<PriorSource<'_>>,
+    options: &Options,
+    latents: &[Vec<f32>],
+    card: &CardText,
+    progress: impl FnMut(&str),
+) -> Result<Conversion, Error> {
+    if let Some(prior) = &prior {
+        prior.checkpoint.check_tokenizer(checkpoint).map_err(Error::Prior)?;
+    }
     let layers = decoder::quantise(&checkpoint.decoder, ROOT_ROWS, options, latents, progress);
-    let blob = blob::write(checkpoint, &layers, card)?;
-    Ok(Conversion { blob, layers })
+    let quantised = prior.as_ref().map(|p| prior::quantise(p.checkpoint));
+    let blob = blob::write(checkpoint, &layers, prior.zip(quantised.as_ref()), card)?;
+    Ok(Conversion { blob, layers, prior: quantised })
 }

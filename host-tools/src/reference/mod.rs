@@ -17,14 +17,22 @@
 //! | [`road`] | latent to joints: decoder, denormalisation, recovery |
 //! | [`anchors`], [`objective`] | control residuals and `J(u)` with its gradient |
 //! | [`interval_basis`], [`route_solver`], [`quasi_newton`] | the solver as published, and a quasi-Newton method in its coefficients |
+//! | [`erf`], [`transformer`] | linears, norms, attention, blocks |
+//! | [`text`] | a prompt to words to a memory and a length |
+//! | [`planner`] | noisy tokens and a text to logits |
+//! | [`tmd`] | corruption of tokens and sampling from proposals |
+//! | [`prior`] | a prior made ready: prompt to tokens |
 //! | [`tokenizer`] | a checkpoint made ready: motion to ids, ids to motion |
 
 pub mod anchors;
 pub mod conv1d;
 pub mod decoder;
 pub mod encoder;
+pub mod erf;
 pub mod interval_basis;
 pub mod objective;
+pub mod planner;
+pub mod prior;
 pub mod quantizer;
 pub mod quasi_newton;
 pub mod real;
@@ -32,11 +40,15 @@ pub mod recover;
 pub mod resblock;
 pub mod road;
 pub mod route_solver;
+pub mod text;
+pub mod tmd;
 pub mod tokenizer;
+pub mod transformer;
 
 pub use anchors::{Anchor, Target};
 pub use decoder::{Decoder, Trace};
 pub use encoder::Encoder;
+pub use prior::Prior;
 pub use quantizer::Quantizer;
 pub use real::Real;
 pub use road::Road;

@@ -32,6 +32,10 @@ pub trait Real:
     fn sqrt(self) -> Self;
     /// Sine and cosine of an angle in radians.
     fn sin_cos(self) -> (Self, Self);
+    /// e to this power.
+    fn exp(self) -> Self;
+    /// Natural logarithm.
+    fn ln(self) -> Self;
     /// Exact or rounded, from single precision.
     fn from_f32(v: f32) -> Self {
         Self::from_f64(f64::from(v))
@@ -61,6 +65,12 @@ impl Real for f32 {
     fn sin_cos(self) -> (Self, Self) {
         self.sin_cos()
     }
+    fn exp(self) -> Self {
+        self.exp()
+    }
+    fn ln(self) -> Self {
+        self.ln()
+    }
 }
 
 impl Real for f64 {
@@ -77,6 +87,12 @@ impl Real for f64 {
     }
     fn sin_cos(self) -> (Self, Self) {
         self.sin_cos()
+    }
+    fn exp(self) -> Self {
+        self.exp()
+    }
+    fn ln(self) -> Self {
+        self.ln()
     }
 }
 

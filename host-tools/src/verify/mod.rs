@@ -4,14 +4,17 @@
 //! solvers. What two solvers make of the same anchors is reported apart ([`solvers`]). [`layers`] says where the error comes from.
 
 pub mod layers;
+pub mod planner;
 pub mod solvers;
 
+use motionette::blob::TransformerConfig;
 use motionette::{Generator, Limits, Plan, Request};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
 use crate::blob_file::{self, BlobFile};
-use crate::checkpoint::TokenizerCheckpoint;
+use crate::checkpoint::prior::Sizes;
+use crate::checkpoint::{PriorCheckpoint, TokenizerCheckpoint};
 use crate::dataset::{Dataset, Split};
 use crate::motion::Pose;
 use crate::reference::road::RoadError;
@@ -48,6 +51,9 @@ pub enum Error {
         /// Its value in the checkpoint.
         checkpoint: usize,
     },
+    /// The blob has no text or no planner.
+    #[error("the blob has no planner; convert it with --prior")]
+    NoPlanner,
     /// A clip could not be encoded.
     #[error("clip {clip}: {source}")]
     Encode {
@@ -55,6 +61,12 @@ pub enum Error {
         clip: String,
         /// Why.
         source: EncodeError,
+    },
+    /// No clip to compare planners with.
+    #[error("the dataset has no {split:?} clip with a caption of the vocabulary; choose another split or dataset")]
+    NoCaptions {
+        /// The split asked for.
+        split: Split,
     },
     /// No clip to verify with.
     #[error("the dataset has no {split:?} clip of at least {least} frames; choose another split or dataset")]
@@ -175,12 +187,46 @@ pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Re
     }
 }
 
-/// Whether the blob's card names this checkpoint file (its SHA-256).
+/// Refuses a blob and a prior of different sizes.
+///
+/// # Errors
+/// [`Error::NoPlanner`], [`Error::Mismatch`].
+pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), Error> {
+    let (_, manifest, _) = blob.parts()?;
+    let (Some(text), Some(planner)) = (manifest.text, manifest.planner) else { return Err(Error::NoPlanner) };
+    let c = &prior.config;
+    let stack = |t: &TransformerConfig| [t.width, u16::from(t.heads), u16::from(t.layers), t.hidden].map(usize::from);
+    let sizes = |s: &Sizes| [s.width, s.heads, s.layers, s.hidden];
+    let mut pairs = vec![
+        ("width of the text encoder", usize::from(text.width), c.text.width),
+        ("longest prompt", usize::from(text.max_words), c.max_words),
+        ("longest motion", usize::from(manifest.max_tokens), c.max_tokens),
+        ("number of codes", usize::from(manifest.decoder.codes), c.codes),
+    ];
+    let names = ["width", "number of heads", "number of layers", "hidden width"];
+    let transformers = [(text.encoder, c.text), (Some(planner.transformer), c.planner)];
+    for (blob, checkpoint) in transformers {
+        let Some(blob) = blob else { continue };
+        let values = stack(&blob).into_iter().zip(sizes(&checkpoint));
+        pairs.extend(names.into_iter().zip(values).map(|(name, (blob, checkpoint))| (name, blob, checkpoint)));
+    }
+    if text.encoder.is_some() {
+        let same = text.vocabulary.lines().zip(&c.vocabulary).take_while(|(a, b)| a == b).count();
+        pairs.push(("number of words", text.vocabulary.lines().count(), c.vocabulary.len()));
+        pairs.push(("number of words in the same order", same, c.vocabulary.len()));
+    }
+    match pairs.into_iter().find(|(_, blob, checkpoint)| blob != checkpoint) {
+        Some((what, blob, checkpoint)) => Err(Error::Mismatch { what, blob, checkpoint }),
+        None => Ok(()),
+    }
+}
+
+/// Whether the blob's card names this checkpoint file (its SHA-256) among those it came from.
 ///
 /// # Errors
 /// [`Error::Blob`]; not after the blob was opened.
 pub fn names_checkpoint(blob: &BlobFile, hash: &str) -> Result<bool, Error> {
-    Ok(blob.parts()?.1.card.checkpoint == hash)
+    Ok(blob.parts()?.1.card.checkpoint.split('+').any(|h| h == hash))
 }
 
 /// A motion of the runtime, copied out of its arena.
@@ -201,13 +247,8 @@ pub struct RuntimeMotion {
 pub fn run(blob: &BlobFile, clip: &str, request: &Request<'_>) -> Result<RuntimeMotion, Error> {
     let model = blob.model()?;
     let failed = |source| Error::Runtime { clip: clip.to_owned(), source };
-    let tokens = match request.source {
-        motionette::Source::Tokens(tokens) => tokens.len() / model.codebooks().quantizers(),
-        motionette::Source::Embeddings(u) => u.len() / model.decoder().code_width(),
-    };
-    let anchors = if request.refinement.is_some() { request.anchors.len() } else { 0 };
-    let limits = Limits { tokens, anchors, refinement: request.refinement.unwrap_or_default() };
-    let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(16)];
+    let plan = Generator::new(model.clone(), &mut []).and_then(|generator| generator.plan(request)).map_err(failed)?;
+    let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(16)];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(failed)?;
     let motion = generator.generate(request, &mut ()).map_err(failed)?;
     Ok(RuntimeMotion { u: motion.u().to_vec(), joints: motion.frames().to_vec(), refinement: motion.refinement })

@@ -1,4 +1,7 @@
-//! Where the shared test data lies.
+//! Where the shared test data lies, random numbers, small checkpoints.
+
+#[allow(dead_code, reason = "each test binary compiles this module and not all need checkpoints")]
+pub mod checkpoints;
 
 use std::path::PathBuf;
 

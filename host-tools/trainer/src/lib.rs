@@ -3,8 +3,12 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`tokenizer`] | the motion tokenizer: a VQ-VAE |
-//! | [`convolution`] | convolution along time on the framework |
+//! | [`prior`] | text encoder and planner: tokens from text |
+//! | [`convolution`], [`transformer`] | layers on the framework |
 //! | [`optimizer`] | AdamW with averaged weights |
+//! | [`schedule`] | learning rate, end of a run |
+//! | [`run`] | what the commands have in common |
+//! | [`chart`] | line diagrams |
 //! | [`normalization`] | mean and deviation of features |
 //! | [`tensor_file`] | named tensors and text as safetensors |
 //! | [`random`] | random numbers by seed and step |
@@ -14,11 +18,16 @@
 
 #![deny(unsafe_code)]
 
+pub mod chart;
 pub mod convolution;
 pub mod normalization;
 pub mod optimizer;
+pub mod prior;
 pub mod random;
+pub mod run;
+pub mod schedule;
 pub mod tensor_file;
 #[cfg(test)]
 mod testing;
 pub mod tokenizer;
+pub mod transformer;

@@ -1,7 +1,7 @@
 //! Command line of the trainer.
 
 use clap::Parser;
-use motionette_train::tokenizer;
+use motionette_train::{prior, tokenizer};
 
 /// Trains motionette's models on motion capture.
 #[derive(Parser)]
@@ -9,10 +9,13 @@ use motionette_train::tokenizer;
 enum Command {
     /// Trains or measures the motion tokenizer.
     Tokenizer(tokenizer::command::Args),
+    /// Trains the prior: text encoder and planner.
+    Prior(prior::command::Args),
 }
 
 fn main() -> anyhow::Result<()> {
     match Command::parse() {
         Command::Tokenizer(args) => tokenizer::command::run(&args),
+        Command::Prior(args) => prior::command::run(&args),
     }
 }

@@ -53,6 +53,12 @@ impl Random {
     pub fn symmetric(&mut self) -> f64 {
         2.0 * self.unit() - 1.0
     }
+
+    /// Standard normal (Box and Muller 1958).
+    pub fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.unit()).cos()
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! A small dataset for tests: a stick figure that walks, turns and swings its arms, every clip in its own way.
 
-use motionette_host::dataset::{Builder, Clip, Dataset, Split};
+use motionette_host::dataset::{Builder, Caption, Clip, Dataset, Split};
 use motionette_host::motion::Pose;
 use motionette_host::motion::features::{Options, process};
 use motionette_host::motion::skeleton::{PARENTS, REST_DIRECTIONS};
@@ -23,7 +23,12 @@ pub fn dataset(clips: usize, frames: usize) -> Dataset {
             subset: "figure".into(),
             source: "test".into(),
             fps_source: 20.0,
-            captions: Vec::new(),
+            captions: vec![Caption {
+                text: format!("a figure walks {}.", ["slowly", "and turns left", "with its right arm"][index % 3]),
+                from: 0.0,
+                to: 0.0,
+                source: "test".into(),
+            }],
             labels: serde_json::Value::Null,
             hash: String::new(),
         };

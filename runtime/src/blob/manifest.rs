@@ -5,6 +5,12 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
+/// Blocks a transformer may have.
+pub const MAX_LAYERS: usize = 32;
+/// Words a vocabulary may have.
+pub const MAX_VOCABULARY: usize = 16_384;
+/// Prompts a blob may store.
+pub const MAX_BANK: usize = 512;
 /// Upsampling stages a decoder may have (temporal factor 2 each).
 pub const MAX_STAGES: usize = 3;
 /// Residual blocks a stage may have.
@@ -28,11 +34,17 @@ pub struct Manifest<'a> {
     pub max_tokens: u16,
     /// Token decoder.
     pub decoder: DecoderConfig,
+    /// Text encoder and stored prompts; `None`: the blob knows no text.
+    #[serde(borrow)]
+    pub text: Option<TextConfig<'a>>,
+    /// Planner: text to motion tokens.
+    pub planner: Option<PlannerConfig>,
     /// A request whose result is known, so that a device can prove itself.
     pub self_test: SelfTest,
     /// Entries of the tensor table that follows. Order: `statistics.mean`, `statistics.std` (F32 `[F]`), one codebook a
     /// quantizer (F16 `[V][du]`), then the decoder's layers in order of execution; a layer is its int16 rows if it has
-    /// any (I16Planes), its int8 rows if it has any (I8), scales (F32 `[N]`), biases (F32 `[N]`).
+    /// any (I16Planes), its int8 rows if it has any (I8), scales (F32 `[N]`), biases (F32 `[N]`). Then the text encoder,
+    /// the length head, the stored prompts and the planner, as `FORMAT.md` lists them.
     pub tensor_count: u16,
 }
 
@@ -78,6 +90,79 @@ pub struct DecoderConfig {
     pub dilations: Vec<u8, MAX_BLOCKS>,
     /// Output features, `F`.
     pub features: u16,
+}
+
+/// Where a transformer block normalises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Norm {
+    /// What goes into each sublayer: `x += f(LN x)`.
+    Pre,
+    /// What comes out of each skip connection: `x = LN(x + f(x))`.
+    Post,
+}
+
+/// Activation of a feed-forward layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Activation {
+    /// `max(x, 0)`
+    Relu,
+    /// `x/2 (1 + erf(x / sqrt 2))`
+    Gelu,
+}
+
+/// Shape of a stack of transformer blocks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TransformerConfig {
+    /// Width of a row.
+    pub width: u16,
+    /// Attention heads; they divide the width.
+    pub heads: u8,
+    /// Blocks.
+    pub layers: u8,
+    /// Width of the feed-forward layer.
+    pub hidden: u16,
+    /// Where blocks normalise.
+    pub norm: Norm,
+    /// Activation of the feed-forward layer.
+    pub activation: Activation,
+    /// Added to the variance under the root.
+    pub epsilon: f32,
+}
+
+/// What the blob knows of text.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TextConfig<'a> {
+    /// Width of a memory row and of the pooled vector.
+    pub width: u16,
+    /// Longest prompt, words.
+    pub max_words: u16,
+    /// Words in id order, `\n` between; 0 is `<none>`, 1 is `<unknown>`. Empty without an encoder.
+    pub vocabulary: &'a str,
+    /// Encoder; `None`: stored prompts only.
+    pub encoder: Option<TransformerConfig>,
+    /// Names of the stored prompts, `\n` between; empty for none.
+    pub bank: &'a str,
+}
+
+/// The planner.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PlannerConfig {
+    /// Its blocks.
+    pub transformer: TransformerConfig,
+    /// How tokens are drawn from its proposals.
+    pub sampler: Sampler,
+}
+
+/// A sampler and its constants.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Sampler {
+    /// Transition masked diffusion, `beta(t) = c (t / (1 - t))^a` (EQUATIONS section 4).
+    Tmd {
+        /// Factor.
+        c: f32,
+        /// Exponent.
+        a: f32,
+    },
 }
 
 /// A request with a known answer.

@@ -9,8 +9,9 @@ mod tensors;
 
 pub use header::{ALIGNMENT, HEADER_LEN, Header, MAGIC, MAJOR, MINOR, crc32};
 pub use manifest::{
-    Card, DType, DecoderConfig, MAX_BLOCKS, MAX_NAME, MAX_STAGES, MAX_TENSORS, Manifest, Representation, SelfTest,
-    TensorEntry,
+    Activation, Card, DType, DecoderConfig, MAX_BANK, MAX_BLOCKS, MAX_LAYERS, MAX_NAME, MAX_STAGES, MAX_TENSORS,
+    MAX_VOCABULARY, Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry, TextConfig,
+    TransformerConfig,
 };
 pub use tensors::{Tensor, Tensors};
 
@@ -72,6 +73,13 @@ pub enum Error {
         /// The largest (or only) value allowed.
         limit: u32,
     },
+    /// A number of the configuration is not finite or out of its range.
+    Number {
+        /// Which number.
+        what: &'static str,
+        /// Its bits.
+        bits: u32,
+    },
     /// A tensor's offset is misaligned, out of the weight section, or overlaps its predecessor.
     TensorRange {
         /// Index in the tensor table.
@@ -129,6 +137,7 @@ impl core::fmt::Display for Error {
             }
             Error::Manifest => write!(f, "the manifest cannot be read"),
             Error::Config { what, found, limit } => write!(f, "manifest: {what} is {found}, allowed is {limit}"),
+            Error::Number { what, .. } => write!(f, "manifest: {what} is not finite or out of its range"),
             Error::TensorRange { index } => write!(f, "tensor {index}: offset misaligned, out of range or overlapping"),
             Error::TensorShape { index, found, expected } => {
                 write!(f, "tensor {index}: {found} elements of its type, the module needs {expected}")

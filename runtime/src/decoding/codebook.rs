@@ -65,6 +65,22 @@ impl<'a> Codebooks<'a> {
         self.codes
     }
 
+    /// Width of a code, `du`.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// One code of the first codebook into `out [du]`; zeros where there is none.
+    pub fn code(&self, code: usize, out: &mut [f32]) {
+        let [first, ..] = self.books;
+        let bits = first.get(code * self.width..(code + 1) * self.width).unwrap_or(&[]);
+        out.fill(0.0);
+        for (to, bits) in out.iter_mut().zip(bits) {
+            *to = f16::from_bits(*bits).to_f32();
+        }
+    }
+
     /// Quantizers.
     #[must_use]
     pub const fn quantizers(&self) -> usize {

@@ -30,12 +30,7 @@ pub struct Decoder<'a> {
     code_width: usize,
 }
 
-/// The caller asked to stop at a layer boundary.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Interrupted;
-
-/// Asked at every layer boundary whether to go on.
-pub type Check<'c> = &'c mut dyn FnMut() -> Result<(), Interrupted>;
+pub use crate::nn::{Check, Interrupted};
 
 /// All mutable memory of the decoder.
 #[derive(Debug)]

@@ -3,6 +3,8 @@
 use crate::arena::ArenaTooSmall;
 use crate::decoding::codebook::TokenOutOfRange;
 use crate::perception::anchors::AnchorError;
+use crate::perception::prompt::PromptError;
+use crate::planning::PlanningError;
 use crate::refining::SolverError;
 
 /// Why a request gave no motion. The generator is usable afterwards.
@@ -36,6 +38,10 @@ pub enum Error {
         /// Position in `u`.
         index: usize,
     },
+    /// The prompt was refused.
+    Prompt(PromptError),
+    /// The plan was refused.
+    Planning(PlanningError),
     /// An anchor was refused.
     Anchors(AnchorError),
     /// The refinement failed.
@@ -51,6 +57,8 @@ pub enum Error {
     },
     /// The stream's motion has been finished: no more tokens.
     Finished,
+    /// A stream takes text and tokens, without anchors.
+    NotInParts,
 }
 
 impl core::fmt::Display for Error {
@@ -71,6 +79,8 @@ impl core::fmt::Display for Error {
                 write!(f, "token {token} at position {index}: the codebook has codes 0 to {}", codes.saturating_sub(1))
             }
             Error::Embedding { index } => write!(f, "number {index} of the embeddings is not finite or too large"),
+            Error::Prompt(e) => e.fmt(f),
+            Error::Planning(e) => e.fmt(f),
             Error::Anchors(e) => e.fmt(f),
             Error::Solver(e) => e.fmt(f),
             Error::Aborted => write!(f, "the observer aborted the request"),
@@ -78,6 +88,7 @@ impl core::fmt::Display for Error {
                 write!(f, "{found} tokens do not fit the stream's queue, which has room for {room}: take frames first")
             }
             Error::Finished => write!(f, "the stream's motion has been finished"),
+            Error::NotInParts => write!(f, "a stream takes text and tokens, neither embeddings nor anchors"),
         }
     }
 }
@@ -86,6 +97,8 @@ impl core::error::Error for Error {
     fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
         match self {
             Error::Arena(e) => Some(e),
+            Error::Prompt(e) => Some(e),
+            Error::Planning(e) => Some(e),
             Error::Anchors(e) => Some(e),
             Error::Solver(e) => Some(e),
             _ => None,
@@ -102,6 +115,18 @@ impl From<ArenaTooSmall> for Error {
 impl From<AnchorError> for Error {
     fn from(e: AnchorError) -> Self {
         Error::Anchors(e)
+    }
+}
+
+impl From<PromptError> for Error {
+    fn from(e: PromptError) -> Self {
+        Error::Prompt(e)
+    }
+}
+
+impl From<PlanningError> for Error {
+    fn from(e: PlanningError) -> Self {
+        Error::Planning(e)
     }
 }
 

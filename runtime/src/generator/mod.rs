@@ -1,16 +1,17 @@
-//! Runs a request: embeds its tokens, bends them onto the anchors, decodes the joints.
+//! Runs a request: plans its tokens, embeds them, bends them onto the anchors, decodes the joints.
 
 mod decoder_map;
 mod environment;
 mod error;
 mod observer;
+mod plan_tokens;
 mod request;
 mod stream;
 
 pub use error::Error;
 pub use observer::{Flow, Observer, Progress, Stage};
 pub use request::{Request, Source};
-pub use stream::{Frame, MotionStream};
+pub use stream::{Frame, MotionStream, Segment};
 
 use crate::JOINTS;
 use crate::arena::{Arena, ArenaTooSmall};
@@ -19,17 +20,23 @@ use crate::log;
 use crate::model::Model;
 use crate::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels};
 use crate::perception::anchors::{Anchor, AnchorSet, Target};
+use crate::perception::prompt::Heard;
 use crate::plan::{JOINT_COLUMNS, Limits, Plan, feature_columns};
+use crate::planning::session::{Modules, Session};
+use crate::planning::{self, PlanningError};
 use crate::refining::{self, SolverError, Stop};
 use decoder_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
+use plan_tokens::{Planned, plan_tokens};
 
 /// A finished motion, in the generator's arena.
 #[derive(Debug, Clone, Copy)]
 pub struct Motion<'a> {
     joints: &'a [f32],
     u: &'a [f32],
+    tokens: &'a [u16],
+    heard: Heard,
     frame_rate: u16,
     /// What the refinement did; `None` without one.
     pub refinement: Option<refining::Report>,
@@ -54,6 +61,24 @@ impl<'a> Motion<'a> {
     #[must_use]
     pub const fn u(&self) -> &'a [f32] {
         self.u
+    }
+
+    /// Tokens `[L][Q]` it was decoded from, before refinement; empty when it was made from embeddings.
+    #[must_use]
+    pub const fn tokens(&self) -> &'a [u16] {
+        self.tokens
+    }
+
+    /// Words of the prompt; 0 without one.
+    #[must_use]
+    pub const fn words(&self) -> u16 {
+        self.heard.words
+    }
+
+    /// Words of the prompt that the model does not know.
+    #[must_use]
+    pub const fn unknown_words(&self) -> u16 {
+        self.heard.unknown_words
     }
 
     /// Frames a second.
@@ -94,23 +119,32 @@ impl<'a> Generator<'a> {
     /// What this request will need of the arena.
     ///
     /// # Errors
-    /// [`Error::Tokens`] when its length is not allowed.
+    /// [`Error::Tokens`] when its length is not allowed, [`Error::Prompt`] or [`Error::Planning`] of a text.
     pub fn plan(&self, request: &Request<'_>) -> Result<Plan, Error> {
         Ok(Plan::for_request(&self.model, &self.limits(request)?))
     }
 
     fn limits(&self, request: &Request<'_>) -> Result<Limits, Error> {
+        let anchors = if request.refinement.is_some() { request.anchors.len() } else { 0 };
+        let refinement = request.refinement.unwrap_or_default();
         let limit = self.model.max_tokens();
         let (numbers, each) = match request.source {
             Source::Tokens(tokens) => (tokens.len(), self.model.codebooks().quantizers()),
             Source::Embeddings(u) => (u.len(), self.model.decoder().code_width()),
+            Source::Text(prompt) => {
+                let Modules { text, planner, .. } = self.model.planning().ok_or(PlanningError::NoPlanner)?;
+                let words = text.rows(&prompt)?;
+                let plan = &request.planning;
+                let tokens = plan.check(limit, planner.codes(), self.model.frames_per_token())?;
+                let planning = Some(planning::Limits { words, steps: plan.steps, guided: plan.guided() });
+                return Ok(Limits { tokens, anchors, refinement, planning });
+            }
         };
         let tokens = numbers / each.max(1);
         if tokens == 0 || tokens > limit || !numbers.is_multiple_of(each.max(1)) {
             return Err(Error::Tokens { found: if tokens > limit { tokens } else { numbers }, limit });
         }
-        let anchors = if request.refinement.is_some() { request.anchors.len() } else { 0 };
-        Ok(Limits { tokens, anchors, refinement: request.refinement.unwrap_or_default() })
+        Ok(Limits { tokens, anchors, refinement, planning: None })
     }
 
     /// Makes the motion of `request`. `observer` is asked at every layer boundary.
@@ -136,21 +170,45 @@ impl<'a> Generator<'a> {
         let too_small = |e: ArenaTooSmall| {
             Error::Arena(ArenaTooSmall { needed: Plan::for_request(model, &limits).arena_bytes, ..e })
         };
+        let quantizers = model.codebooks().quantizers();
+        let tokens = arena.take::<u16>(limits.tokens * quantizers).map_err(too_small)?;
+        let mut peak = 0;
+        let mut made = Planned { tokens: limits.tokens, heard: Heard::default() };
+        if let (Source::Text(prompt), Some(planning), Some(modules)) =
+            (request.source, &limits.planning, model.planning())
+        {
+            let shortest = anchors.last_frame().map_or(1, |f| usize::from(f) / model.frames_per_token().max(1) + 1);
+            // Nothing is planned that could not be decoded.
+            let (needed, available) = (Plan::for_request(model, &limits).arena_bytes, arena.available());
+            if needed > available {
+                return Err(Error::Arena(ArenaTooSmall { needed, available }));
+            }
+            let mut overlay = arena.overlay();
+            let session = Session::new(modules, &mut overlay, made.tokens, planning).map_err(too_small)?;
+            peak = overlay.used();
+            made = plan_tokens(session, &prompt, &request.planning, shortest, tokens, observer)?;
+            log::debug!("planned {} tokens", made.tokens);
+        }
+        // A predicted length may be shorter than what the buffers are made for.
+        let frames = made.tokens * model.frames_per_token();
+        let tokens = tokens.get_mut(..made.tokens * quantizers).unwrap_or(&mut []);
         let mut take = |count| arena.take::<f32>(count).map_err(too_small);
+        let most = limits.tokens * model.frames_per_token();
         let u = take(limits.tokens * decoder.code_width())?;
-        let features = take(frames * feature_columns(limits.anchors))?;
+        let u = u.get_mut(..made.tokens * decoder.code_width()).unwrap_or(&mut []);
+        let features = take(most * feature_columns(limits.anchors))?;
         let mut path = Path {
-            cos: take(frames)?,
-            sin: take(frames)?,
-            x: take(frames)?,
-            z: take(frames)?,
-            d_angle: take(frames)?,
-            d_x: take(frames)?,
-            d_z: take(frames)?,
+            cos: take(most)?,
+            sin: take(most)?,
+            x: take(most)?,
+            z: take(most)?,
+            d_angle: take(most)?,
+            d_x: take(most)?,
+            d_z: take(most)?,
         };
         let mut work =
             decoder.workspace(&mut arena, limits.tokens, POSITION_CHANNELS, JOINT_COLUMNS).map_err(too_small)?;
-        embed(model, request.source, u)?;
+        let tokens = embed(model, request.source, tokens, u)?;
 
         let mut refinement = None;
         if limits.anchors > 0 {
@@ -194,8 +252,10 @@ impl<'a> Generator<'a> {
         features.integrate(&mut path);
         let joints = work.sequence.get_mut(..frames * JOINT_COLUMNS).unwrap_or(&mut []);
         features.joints(&path, joints);
-        log::debug!("decoded {} frames in {} arena bytes", frames, arena.used());
-        Ok(Motion { joints, u, frame_rate: model.frame_rate(), refinement, arena_used: arena.used() })
+        let arena_used = if peak > arena.used() { peak } else { arena.used() };
+        log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
+        let Planned { heard, .. } = made;
+        Ok(Motion { joints, u, tokens, heard, frame_rate: model.frame_rate(), refinement, arena_used })
     }
 
     /// Runs the blob's self-test: decodes its token sequence and compares the hash. `None`: the blob carries none.
@@ -223,10 +283,15 @@ impl<'a> Generator<'a> {
 /// Token numbers a self-test may have.
 pub const SELF_TEST_NUMBERS: usize = 64;
 
-/// Fills `u` from tokens or embeddings.
-fn embed(model: &Model<'_>, source: Source<'_>, u: &mut [f32]) -> Result<(), Error> {
+/// Fills `u` from tokens (the request's, or those that were planned) or embeddings. The tokens come back.
+fn embed<'t>(model: &Model<'_>, source: Source<'_>, tokens: &'t mut [u16], u: &mut [f32]) -> Result<&'t [u16], Error> {
     match source {
-        Source::Tokens(tokens) => model.codebooks().embed(tokens, u)?,
+        Source::Tokens(given) => {
+            for (to, from) in tokens.iter_mut().zip(given) {
+                *to = *from;
+            }
+        }
+        Source::Text(_) => {}
         Source::Embeddings(values) => {
             let limit = model.embedding_limit();
             if let Some(index) = values.iter().position(|v| !(v.abs() <= limit)) {
@@ -235,9 +300,11 @@ fn embed(model: &Model<'_>, source: Source<'_>, u: &mut [f32]) -> Result<(), Err
             for (to, from) in u.iter_mut().zip(values) {
                 *to = *from;
             }
+            return Ok(&[]);
         }
     }
-    Ok(())
+    model.codebooks().embed(tokens, u)?;
+    Ok(tokens)
 }
 
 /// Bit mask of the joints that anchors control.

@@ -6,6 +6,10 @@ use crate::refining::Stop;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Stage {
+    /// Reading the prompt.
+    Reading,
+    /// Planning tokens.
+    Planning,
     /// Bending the motion onto its anchors.
     Refining,
     /// Decoding the final motion.
@@ -18,9 +22,9 @@ pub enum Stage {
 pub struct Progress {
     /// The stage.
     pub stage: Stage,
-    /// Decoder evaluations begun in this stage.
+    /// Decoder evaluations begun in this stage; when planning, steps.
     pub evaluation: u16,
-    /// Decoder evaluations this stage may take.
+    /// Decoder evaluations, or steps, this stage may take.
     pub evaluations: u16,
     /// Mean distance from the anchors of the evaluation that has just been completed, metres; reported once each.
     pub control_error: Option<f32>,
@@ -32,7 +36,8 @@ pub struct Progress {
 pub enum Flow {
     /// Go on.
     Continue,
-    /// Finish with the best motion so far: refinement ends, the motion is decoded and returned.
+    /// Finish with the best so far. Refinement ends, the motion is decoded and returned. Planning ends with its last
+    /// proposals; before there are any, as soon as the first step has made them.
     Finish,
     /// Stop at once, no motion.
     Abort,
@@ -44,6 +49,11 @@ pub trait Observer {
     fn progress(&mut self, progress: Progress) -> Flow {
         let _ = progress;
         Flow::Continue
+    }
+
+    /// Called behind every step of the planner, counted from 0, with the tokens it has left.
+    fn tokens(&mut self, step: u16, tokens: &[u16]) {
+        let _ = (step, tokens);
     }
 }
 

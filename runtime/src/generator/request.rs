@@ -1,6 +1,8 @@
 //! What is to be made.
 
 use crate::perception::anchors::Anchor;
+use crate::perception::prompt::Prompt;
+use crate::planning::{Fixed, Length, Planning, Sampling, Schedule};
 use crate::refining::Config;
 
 /// Where the motion comes from.
@@ -10,6 +12,8 @@ pub enum Source<'r> {
     Tokens(&'r [u16]),
     /// Token embeddings `u [L][du]`, as an earlier motion or a solver left them.
     Embeddings(&'r [f32]),
+    /// Words: the planner makes the tokens, as [`Request::planning`] says.
+    Text(Prompt<'r>),
 }
 
 /// One motion to be made. Quantities are SI; the motion starts at the origin facing +z, anchors are in that frame.
@@ -21,19 +25,93 @@ pub struct Request<'r> {
     pub anchors: &'r [Anchor],
     /// How it is bent there; `None` leaves the motion as it is.
     pub refinement: Option<Config>,
+    /// How tokens are planned; of no account for tokens and embeddings.
+    pub planning: Planning<'r>,
 }
 
 impl<'r> Request<'r> {
     /// The motion of `tokens`, without anchors.
     #[must_use]
     pub const fn tokens(tokens: &'r [u16]) -> Self {
-        Request { source: Source::Tokens(tokens), anchors: &[], refinement: None }
+        Request { source: Source::Tokens(tokens), anchors: &[], refinement: None, planning: Planning::DEFAULT }
     }
 
     /// The motion of embeddings `u`, without anchors.
     #[must_use]
     pub const fn embeddings(u: &'r [f32]) -> Self {
-        Request { source: Source::Embeddings(u), anchors: &[], refinement: None }
+        Request { source: Source::Embeddings(u), anchors: &[], refinement: None, planning: Planning::DEFAULT }
+    }
+
+    /// The motion of a text, planned with the defaults of [`Planning`].
+    #[must_use]
+    pub const fn text(text: &'r str) -> Self {
+        Self::prompt(Prompt::Text(text))
+    }
+
+    /// The motion of a prompt that the blob stores under `name`.
+    #[must_use]
+    pub const fn bank(name: &'r str) -> Self {
+        Self::prompt(Prompt::Bank(name))
+    }
+
+    /// The motion of a prompt.
+    #[must_use]
+    pub const fn prompt(prompt: Prompt<'r>) -> Self {
+        Request { source: Source::Text(prompt), anchors: &[], refinement: None, planning: Planning::DEFAULT }
+    }
+
+    /// The same with another plan altogether.
+    #[must_use]
+    pub const fn planned(self, planning: Planning<'r>) -> Self {
+        Request { planning, ..self }
+    }
+
+    /// The same, `length` long.
+    #[must_use]
+    pub const fn length(self, length: Length) -> Self {
+        Request { planning: Planning { length, ..self.planning }, ..self }
+    }
+
+    /// The same, at least `frames` long, to the next whole token.
+    #[must_use]
+    pub const fn frames(self, frames: u16) -> Self {
+        self.length(Length::Frames(frames))
+    }
+
+    /// The same with another seed.
+    #[must_use]
+    pub const fn seed(self, seed: u64) -> Self {
+        Request { planning: Planning { seed, ..self.planning }, ..self }
+    }
+
+    /// The same in so many planner steps.
+    #[must_use]
+    pub const fn steps(self, steps: u16) -> Self {
+        Request { planning: Planning { steps, ..self.planning }, ..self }
+    }
+
+    /// The same with another schedule.
+    #[must_use]
+    pub const fn schedule(self, schedule: Schedule) -> Self {
+        Request { planning: Planning { schedule, ..self.planning }, ..self }
+    }
+
+    /// The same with another guidance; 1 is off.
+    #[must_use]
+    pub const fn guidance(self, guidance: f32) -> Self {
+        Request { planning: Planning { guidance, ..self.planning }, ..self }
+    }
+
+    /// The same with proposals drawn in another way.
+    #[must_use]
+    pub const fn sampling(self, sampling: Sampling) -> Self {
+        Request { planning: Planning { sampling, ..self.planning }, ..self }
+    }
+
+    /// The same with these tokens given.
+    #[must_use]
+    pub const fn fixed(self, fixed: &'r [Fixed]) -> Self {
+        Request { planning: Planning { fixed, ..self.planning }, ..self }
     }
 
     /// The same, bent onto `anchors` with the default refinement.

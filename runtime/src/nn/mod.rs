@@ -3,8 +3,22 @@
 //! Layout is channels-last: a sequence is `[rows][channels]`. A layer quantises its input rows to int16 with one
 //! dynamic scale a row, multiplies in integers, and writes f32 rows.
 
+pub mod activation;
+pub mod attention;
+pub mod block;
 pub mod conv1d;
+pub mod embedding;
+pub mod linear;
 pub mod mask;
+pub mod norm;
 pub mod output;
 pub mod quantise;
 pub mod residual;
+pub mod softmax;
+
+/// The caller asked to stop at a layer boundary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Interrupted;
+
+/// Asked at every layer boundary whether to go on.
+pub type Check<'c> = &'c mut dyn FnMut() -> Result<(), Interrupted>;

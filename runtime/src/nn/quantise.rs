@@ -17,15 +17,18 @@ const ROUND: f32 = 12_582_912.0;
 /// Rows with no value above this are stored as zeros: their reciprocal would leave the normal range.
 const TINY: f32 = 1e-30;
 
+/// Largest int8 magnitude.
+const NARROW: f32 = 127.0;
+
 /// The nearest integer to `v`, ties to even, for `|v| < 2^15`.
 #[inline]
 fn round(v: f32) -> i16 {
     (v + ROUND).to_bits() as i16
 }
 
-/// Quantises one row: `x[k] ~ q[k] * scale`, `|q[k]| <= limit`. Returns the scale.
+/// The largest magnitude of a row that is worth quantising; `None` stores zeros.
 #[inline]
-pub fn row(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
+fn largest(x: &[f32]) -> Option<f32> {
     // Magnitudes of finite numbers order as their bit patterns do.
     let mut largest = 0u32;
     for v in x {
@@ -35,16 +38,36 @@ pub fn row(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
         }
     }
     let largest = f32::from_bits(largest);
-    if !(largest > TINY && largest.is_finite()) {
+    if largest > TINY && largest.is_finite() { Some(largest) } else { None }
+}
+
+/// Quantises one row: `x[k] ~ q[k] * scale`, `|q[k]| <= limit`. Returns the scale.
+#[inline]
+pub fn row(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
+    let Some(largest) = largest(x) else {
         q.fill(0);
         return 0.0;
-    }
+    };
     let limit = f32::from(limit);
     let factor = limit / largest;
     for (q, v) in q.iter_mut().zip(x) {
         *q = round(*v * factor);
     }
     largest / limit
+}
+
+/// The same to int8, `|q[k]| <= 127`: keys and values of attention.
+#[inline]
+pub fn row_narrow(x: &[f32], q: &mut [i8]) -> f32 {
+    let Some(largest) = largest(x) else {
+        q.fill(0);
+        return 0.0;
+    };
+    let factor = NARROW / largest;
+    for (q, v) in q.iter_mut().zip(x) {
+        *q = round(*v * factor) as i8;
+    }
+    largest / NARROW
 }
 
 /// Quantises `rows x [R][width]` into `q` and `scales`.

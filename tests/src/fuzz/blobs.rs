@@ -113,7 +113,7 @@ fn repair(bytes: &mut [u8]) {
     }
     let total = bytes.len() as u32;
     let offset = word(bytes, 16).unwrap_or(0);
-    bytes[..6].copy_from_slice(b"MNTB\x01\x00");
+    bytes[..6].copy_from_slice(b"MNTB\x02\x00");
     bytes[8..12].copy_from_slice(&total.to_le_bytes());
     if offset <= total {
         bytes[20..24].copy_from_slice(&(total - offset).to_le_bytes());

@@ -33,7 +33,9 @@ pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), S
     let model = Model::open(tiny.bytes()).map_err(|e| e.to_string())?;
     let quantizers = model.codebooks().quantizers();
     let plain: Vec<u16> = vec![0; quantizers];
-    let least = Plan::for_request(&model, &Limits { tokens: 1, anchors: 0, refinement: Config::default() }).arena_bytes;
+    let least =
+        Plan::for_request(&model, &Limits { tokens: 1, anchors: 0, refinement: Config::default(), planning: None })
+            .arena_bytes;
 
     let refinement = if random.below(5) == 0 { None } else { Some(config(random)) };
     let frames = model.max_tokens() * model.frames_per_token();

@@ -30,7 +30,7 @@ impl Observer for Watch {
 fn serve(blob: &[u8], arena: &mut [u8], tokens: &[u16], u: &[f32], anchors: &[Anchor]) -> Result<u64, Refused> {
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
-    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement };
+    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning: None };
     black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
     black_box(generator.self_test().map_err(Refused::Request)?);

@@ -1,6 +1,8 @@
 // Ties the page together: playback, timeline, pointer and keyboard, figures.
 const player = { frame: 0, playing: false, speed: 1, follow: false, last: 0 };
 let dirty = true;
+// Marks the token of a frame; set once there are tokens to show.
+let markToken = null;
 const ICONS = { play: "M3 1.5v13l11-6.5z", pause: "M3 2h4v12H3zM9 2h4v12H9z" };
 
 function setPlaying(on) {
@@ -23,6 +25,7 @@ function syncControls() {
   scrub.style.setProperty("--done", `${(100 * f) / Math.max(1, FRAMES - 1)}%`);
   scrub.setAttribute("aria-valuetext", `frame ${f}, ${(f / scene.fps).toFixed(2)} seconds`);
   $("clock").innerHTML = `<b>${(f / scene.fps).toFixed(2)} s</b>frame ${f} / ${FRAMES - 1}`;
+  if (markToken) markToken(f);
   const lit = (i) => Math.abs(scene.anchors[i].frame - player.frame) < 1.5;
   document.querySelectorAll("#ticks button, #anchors tbody tr").forEach((e) => e.classList.toggle("now", lit(+e.dataset.anchor)));
 }
@@ -126,6 +129,8 @@ function buildFigures() {
   $("title").textContent = scene.title;
   $("caption").textContent = scene.caption;
   const piece = (text, name) => { const s = document.createElement("span"); s.className = name; s.textContent = text; $("headline").appendChild(s); };
+  // Without anchors there is nothing to say about them.
+  $("errorbox").hidden = $("anchorbox").hidden = scene.anchors.length === 0;
   piece(centimetres(scene.error_before_cm), "from");
   piece("→", "arrow");
   piece(centimetres(scene.error_after_cm), "to");
@@ -137,6 +142,16 @@ function buildFigures() {
     $("facts").append(dt, dd);
   }
   drawChart($("chart"), scene.curve);
+  drawStages($("stages"), scene.stages);
+  $("planbox").hidden = !scene.plan;
+  if (!scene.plan) return;
+  for (const word of scene.plan.words) {
+    const s = document.createElement("span");
+    s.textContent = word.text;
+    if (!word.known) { s.className = "unknown"; s.title = "this word is not in the model's vocabulary"; }
+    $("prompt").append(s, " ");
+  }
+  markToken = drawTokens($("tokens"), scene.plan, scene.frames_per_token);
 }
 
 function jumpAnchor(direction) {

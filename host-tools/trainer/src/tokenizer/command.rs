@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use motionette_host::dataset::{Dataset, Split};
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::Error;
 use super::checkpoint::Checkpoint;
@@ -16,9 +16,10 @@ use super::curves::{Evaluation, Point};
 use super::loss::Terms;
 use super::metrics::{self, Report};
 use super::quantizer::Usage;
-use super::schedule::Plan;
 use super::state::State;
 use super::training::{Step, Trainer};
+use crate::run::{changed, finish, with_suffix};
+use crate::schedule::Plan;
 
 /// Trains a motion tokenizer on a dataset of `motionette import`, or measures one.
 #[derive(clap::Args, Clone, Debug)]
@@ -103,27 +104,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     finish(args.json, &facts)
 }
 
-/// The path with `.safetensors` at its end.
-fn with_suffix(path: &Path) -> PathBuf {
-    if path.extension().is_some_and(|e| e == "safetensors") {
-        return path.to_path_buf();
-    }
-    let mut name = path.as_os_str().to_owned();
-    name.push(".safetensors");
-    name.into()
-}
-
 /// Validation and test split where the dataset has them.
 fn measured(dataset: &Dataset) -> Vec<Split> {
     let has = |split: &Split| dataset.split(*split).next().is_some();
     [Split::Val, Split::Test].into_iter().filter(has).collect()
-}
-
-fn finish(json: bool, facts: &Value) -> anyhow::Result<()> {
-    if json {
-        println!("{facts}");
-    }
-    Ok(())
 }
 
 /// The state to go on from: a new one, or the stored one when it belongs to this dataset and configuration.
@@ -151,16 +135,6 @@ fn configuration(args: &Args) -> anyhow::Result<Config> {
     let config = args.set.iter().try_fold(config, |config, change| changed(&config, change))?;
     config.check()?;
     Ok(config)
-}
-
-/// The configuration with one `field=value` applied.
-fn changed(config: &Config, change: &str) -> anyhow::Result<Config> {
-    let (field, value) = change.split_once('=').with_context(|| format!("--set {change}: write FIELD=VALUE"))?;
-    let mut tree = json!(config);
-    let pointer = format!("/{}", field.replace('.', "/"));
-    let place = tree.pointer_mut(&pointer).with_context(|| format!("--set {change}: there is no setting {field}"))?;
-    *place = serde_json::from_str(value).with_context(|| format!("--set {change}: {value} is not a value"))?;
-    serde_json::from_value(tree).with_context(|| format!("--set {change}: {value} does not fit {field}"))
 }
 
 /// Steps until the end of the plan, with points, checkpoints and progress on the way.

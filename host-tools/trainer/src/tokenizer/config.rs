@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Error;
+use crate::schedule;
 
 /// Features of one frame (EQUATIONS section 1).
 pub const FEATURES: usize = 263;
@@ -143,6 +144,12 @@ impl Config {
             }),
             _ => Err(Error::UnknownPreset { name: name.to_owned() }),
         }
+    }
+
+    /// Course of the learning rate.
+    pub fn schedule(&self) -> schedule::Settings {
+        let Self { learning_rate, warm_up, decay, final_rate, .. } = *self;
+        schedule::Settings { learning_rate, warm_up, decay, final_rate }
     }
 
     /// Checks what the rest of the trainer relies on.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::Error;
 use super::loss::Terms;
 use super::metrics::Report;
-use crate::tensor_file;
+use crate::{chart, tensor_file};
 
 /// Means over the steps since the point before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -80,53 +80,10 @@ impl Curves {
                 .map(|(s, r)| (s, r.mpjpe_root_mm))
                 .collect()
         };
-        let errors: Vec<(String, Vec<(u64, f64)>)> = names.iter().map(|name| (name.clone(), of(name))).collect();
-        let mut svg = String::from(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 720 560\" font-family=\"sans-serif\" font-size=\"12\">\n\
-             <rect width=\"720\" height=\"560\" fill=\"white\"/>\n",
-        );
-        svg += &panel(20.0, "objective", steps, &[("training".to_owned(), loss)]);
-        svg += &panel(290.0, "root-aligned MPJPE, mm", steps, &errors);
-        svg + "</svg>\n"
+        let errors: Vec<chart::Line> = names.iter().map(|name| (name.clone(), of(name))).collect();
+        let panels = [("objective", vec![("training".to_owned(), loss)]), ("root-aligned MPJPE, mm", errors)];
+        chart::document(steps, &panels)
     }
-}
-
-const COLOURS: [&str; 6] = ["#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b"];
-
-/// One diagram, 250 high, its values on a logarithmic axis.
-fn panel(top: f64, title: &str, steps: u64, lines: &[(String, Vec<(u64, f64)>)]) -> String {
-    let (left, width, height) = (60.0, 500.0, 200.0);
-    let values = lines.iter().flat_map(|(_, points)| points.iter().map(|p| p.1)).filter(|v| *v > 0.0);
-    let low = values.clone().fold(f64::INFINITY, f64::min);
-    let high = values.fold(0.0f64, f64::max);
-    if !low.is_finite() {
-        return String::new();
-    }
-    let (low, high) = (low.ln(), high.ln().max(low.ln() + 0.1));
-    let x = |step: u64| left + width * step as f64 / steps as f64;
-    let y = |value: f64| top + 25.0 + height * (high - value.max(1e-12).ln()) / (high - low);
-    let mut svg = format!("<text x=\"{left}\" y=\"{}\" font-weight=\"bold\">{title}</text>\n", top + 12.0);
-    for tick in 0..=4 {
-        let value = (low + (high - low) * f64::from(tick) / 4.0).exp();
-        let (from, to, at) = (left, left + width, y(value));
-        svg += &format!("<path d=\"M{from} {at:.1}H{to}\" stroke=\"#ddd\"/>\n");
-        svg += &format!("<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{value:.3}</text>\n", left - 6.0, at + 4.0);
-        let step = steps * tick as u64 / 4;
-        svg +=
-            &format!("<text x=\"{:.1}\" y=\"{}\" text-anchor=\"middle\">{step}</text>\n", x(step), top + 45.0 + height);
-    }
-    for (index, (name, points)) in lines.iter().enumerate() {
-        let colour = COLOURS[index % COLOURS.len()];
-        let path: Vec<String> =
-            points.iter().map(|(step, value)| format!("{:.1},{:.1}", x(*step), y(*value))).collect();
-        svg += &format!(
-            "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\"/>\n",
-            path.join(" ")
-        );
-        let at = top + 40.0 + 18.0 * index as f64;
-        svg += &format!("<text x=\"{}\" y=\"{at}\" fill=\"{colour}\">{name}</text>\n", left + width + 12.0);
-    }
-    svg
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@
 //! | [`model`] | encoder and decoder |
 //! | [`quantizer`] | codebook with running means and reset of dead codes |
 //! | [`loss`] | objective in metres and over time, with its gradient |
-//! | [`schedule`] | learning rate, end of the run |
 //! | [`training`] | one step, and the run around it |
 //! | [`state`] | everything a run needs to go on, as a file |
 //! | [`checkpoint`] | the finished tokenizer, as a file |
@@ -24,7 +23,6 @@ pub mod loss;
 pub mod metrics;
 pub mod model;
 pub mod quantizer;
-pub mod schedule;
 pub mod state;
 #[cfg(test)]
 mod tests;

@@ -11,8 +11,8 @@ use super::config::Config;
 use super::curves::Curves;
 use super::model;
 use super::quantizer::Codebook;
-use super::schedule::Plan;
 use crate::optimizer::AdamW;
+use crate::schedule::Plan;
 use crate::tensor_file::TensorFile;
 
 /// Value of `format` in the metadata.

@@ -4,10 +4,10 @@ use motionette_host::dataset::{Dataset, Split};
 
 use super::checkpoint::Checkpoint;
 use super::config::Config;
-use super::schedule::Plan;
 use super::state::State;
 use super::training::Trainer;
 use super::{Error, metrics};
+use crate::schedule::Plan;
 use crate::{tensor_file, testing};
 
 fn tiny() -> Config {

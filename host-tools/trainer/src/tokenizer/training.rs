@@ -13,10 +13,10 @@ use super::config::{Config, FEATURES, FRAMES_PER_TOKEN};
 use super::loss::{Objective, Terms};
 use super::model::{self, Masks, Network};
 use super::quantizer::Codebook;
-use super::schedule;
 use super::state::State;
 use crate::optimizer::Settings;
 use crate::random::Random;
+use crate::schedule;
 
 /// Batches whose latents the codebook starts from.
 const KMEANS_BATCHES: u64 = 16;
@@ -130,7 +130,7 @@ impl Trainer {
             clip: config.clip,
             average_decay: config.average_decay,
         };
-        let rate = schedule::rate(&config, self.state.plan, step);
+        let rate = schedule::rate(&config.schedule(), self.state.plan, step);
         let gradient_norm = self.state.optimizer.update(&settings, rate, &flat, &self.decayed);
         if !gradient_norm.is_finite() {
             return Err(Error::Diverged { step });

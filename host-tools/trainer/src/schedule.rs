@@ -6,7 +6,19 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::config::Config;
+/// Course of the learning rate.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// Largest learning rate.
+    pub learning_rate: f32,
+    /// Steps of linear warm-up.
+    pub warm_up: u64,
+    /// Last share of the steps, in which the learning rate falls along a cosine.
+    pub decay: f64,
+    /// Learning rate at the end as a share of the largest.
+    pub final_rate: f32,
+}
 
 /// The end of a run, once it is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -42,17 +54,17 @@ impl Plan {
 }
 
 /// Learning rate of step `step` (counted from 0). Without a plan the run is still in its constant stretch.
-pub fn rate(config: &Config, plan: Option<Plan>, step: u64) -> f32 {
-    let warm = ((step + 1) as f32 / config.warm_up.max(1) as f32).min(1.0);
+pub fn rate(settings: &Settings, plan: Option<Plan>, step: u64) -> f32 {
+    let warm = ((step + 1) as f32 / settings.warm_up.max(1) as f32).min(1.0);
     let fall = match plan {
         Some(plan) if step >= plan.fall_from => {
             let progress = (step - plan.fall_from) as f64 / (plan.steps - plan.fall_from).max(1) as f64;
             let cosine = 0.5 * (1.0 + (std::f64::consts::PI * progress.min(1.0)).cos());
-            config.final_rate + (1.0 - config.final_rate) * cosine as f32
+            settings.final_rate + (1.0 - settings.final_rate) * cosine as f32
         }
         _ => 1.0,
     };
-    config.learning_rate * warm * fall
+    settings.learning_rate * warm * fall
 }
 
 #[cfg(test)]
@@ -61,14 +73,14 @@ mod tests {
 
     #[test]
     fn rises_stays_and_falls() {
-        let config = Config { warm_up: 10, decay: 0.5, ..Config::preset("nano").unwrap() };
-        let plan = Some(Plan::of_steps(100, config.decay));
-        let rate = |step| rate(&config, plan, step) / config.learning_rate;
+        let settings = Settings { learning_rate: 1e-3, warm_up: 10, decay: 0.5, final_rate: 0.01 };
+        let plan = Some(Plan::of_steps(100, settings.decay));
+        let rate = |step| rate(&settings, plan, step) / settings.learning_rate;
         assert!((rate(0) - 0.1).abs() < 1e-6);
         assert_eq!(rate(9), 1.0);
         assert_eq!(rate(50), 1.0);
         assert!((rate(75) - 0.505).abs() < 1e-6);
-        assert!(rate(99) < 0.02 && rate(99) >= config.final_rate);
+        assert!(rate(99) < 0.02 && rate(99) >= settings.final_rate);
     }
 
     /// A plan made on the way is the plan of a run that knew its number of steps from the start.

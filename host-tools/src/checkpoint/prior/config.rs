@@ -1,0 +1,185 @@
+//! What a prior checkpoint says about itself.
+
+use serde::{Deserialize, Serialize};
+
+use crate::checkpoint::error::{ErrorKind, Result};
+
+/// Word of the unconditional prompt, id 0.
+pub const NONE: &str = "<none>";
+/// Word that stands for every word outside the vocabulary, id 1.
+pub const UNKNOWN: &str = "<unknown>";
+/// Rows of the table of times.
+pub const TIMES: usize = 32;
+/// Rows of the table of open ends.
+pub const BOUNDARIES: usize = 4;
+
+/// Largest width, hidden width, code count that is believed; anything larger is a damaged option.
+const MAX_EXTENT: usize = 1 << 12;
+/// Most codes, words of a vocabulary.
+const MAX_ROWS: usize = 1 << 15;
+/// Most layers.
+const MAX_LAYERS: usize = 64;
+/// Longest word, bytes: longer ones are unknown to every vocabulary.
+pub const MAX_WORD: usize = 32;
+/// Longest prompt and longest motion, in words and tokens.
+const MAX_LENGTH: usize = 256;
+
+/// Where the norms of a block stand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NormOrder {
+    /// Before every sublayer, on its input alone: `x + f(norm(x))`.
+    Pre,
+    /// Behind every sublayer, on the sum: `norm(x + f(x))`.
+    Post,
+}
+
+/// Nonlinearity between the two linears of a feed-forward sublayer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Activation {
+    /// `x / 2 (1 + erf(x / sqrt 2))`.
+    Gelu,
+    /// `max(x, 0)`.
+    Relu,
+}
+
+/// Sizes of one transformer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Sizes {
+    /// Width of a row.
+    pub width: usize,
+    /// Attention heads; `width` is a multiple.
+    pub heads: usize,
+    /// Blocks.
+    pub layers: usize,
+    /// Width between the two linears of the feed-forward sublayer.
+    pub hidden: usize,
+}
+
+/// Sizes and provenance of a prior (text encoder and planner).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PriorConfig {
+    /// Words in the order of their ids, [`NONE`] and [`UNKNOWN`] first.
+    pub vocabulary: Vec<String>,
+    /// Longest prompt, words.
+    pub max_words: usize,
+    /// Longest motion, tokens.
+    pub max_tokens: usize,
+    /// Codes V of the tokenizer.
+    pub codes: usize,
+    /// Code width du of the tokenizer.
+    pub code_dim: usize,
+    /// The text encoder.
+    pub text: Sizes,
+    /// The planner.
+    pub planner: Sizes,
+    /// What norms add to the variance.
+    pub epsilon: f64,
+    /// Where the norms stand.
+    pub norm: NormOrder,
+    /// Nonlinearity of the feed-forward sublayers.
+    pub activation: Activation,
+    /// Factor of `beta(t) = c (t / (1 - t))^a`.
+    pub c: f64,
+    /// Its exponent.
+    pub a: f64,
+    /// SHA-256, hex, over the little-endian bytes of the tokenizer's f32 codebook.
+    pub tokenizer: String,
+    /// Name of the configuration ("nano").
+    #[serde(default)]
+    pub preset: String,
+    /// Seed of the training run.
+    #[serde(default)]
+    pub seed: u64,
+    /// Optimiser steps taken.
+    #[serde(default)]
+    pub steps: u64,
+    /// Hash of the dataset it was trained on.
+    #[serde(default)]
+    pub data_hash: String,
+    /// Figures of the training run, as the trainer wrote them.
+    #[serde(default)]
+    pub metrics: serde_json::Value,
+}
+
+impl PriorConfig {
+    /// Reads the `config` entry of a checkpoint.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Option`] when the JSON is broken or a value is out of range.
+    pub fn from_json(text: &str) -> Result<Self> {
+        let config: Self = serde_json::from_str(text).map_err(|e| ErrorKind::Option {
+            key: "config".into(),
+            value: e.to_string(),
+            expected: "the JSON object that motionette-train writes".into(),
+        })?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Refuses sizes, words and numbers that no prior has.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Option`], naming the first of them.
+    pub fn check(&self) -> Result<()> {
+        let refuse = |key: &str, value: String, expected: &str| {
+            Err(ErrorKind::Option { key: key.into(), value, expected: expected.into() })
+        };
+        let sizes = [
+            ("max_words", self.max_words, MAX_LENGTH),
+            ("max_tokens", self.max_tokens, MAX_LENGTH),
+            ("codes", self.codes, MAX_ROWS),
+            ("code_dim", self.code_dim, MAX_EXTENT),
+            ("text.width", self.text.width, MAX_EXTENT),
+            ("text.heads", self.text.heads, 255),
+            ("text.layers", self.text.layers, MAX_LAYERS),
+            ("text.hidden", self.text.hidden, MAX_EXTENT),
+            ("planner.width", self.planner.width, MAX_EXTENT),
+            ("planner.heads", self.planner.heads, 255),
+            ("planner.layers", self.planner.layers, MAX_LAYERS),
+            ("planner.hidden", self.planner.hidden, MAX_EXTENT),
+        ];
+        for (key, value, max) in sizes {
+            if !(1..=max).contains(&value) {
+                return refuse(key, value.to_string(), &format!("1 to {max}"));
+            }
+        }
+        for (key, sizes) in [("text.heads", self.text), ("planner.heads", self.planner)] {
+            if !sizes.width.is_multiple_of(sizes.heads) {
+                return refuse(key, sizes.heads.to_string(), &format!("a divisor of the width {}", sizes.width));
+            }
+        }
+        for (key, value) in [("epsilon", self.epsilon), ("c", self.c), ("a", self.a)] {
+            // Also as the f32 of a blob.
+            if !((value as f32).is_normal() && value > 0.0) {
+                return refuse(key, value.to_string(), "a positive number");
+            }
+        }
+        self.check_vocabulary()
+    }
+
+    fn check_vocabulary(&self) -> Result<()> {
+        let refuse =
+            |value: String, expected: String| Err(ErrorKind::Option { key: "vocabulary".into(), value, expected });
+        let words = &self.vocabulary;
+        if words.len() > MAX_ROWS
+            || words.first().map(String::as_str) != Some(NONE)
+            || words.get(1).map(String::as_str) != Some(UNKNOWN)
+        {
+            let start = words.iter().take(2).cloned().collect::<Vec<_>>().join(", ");
+            return refuse(
+                format!("{} words that begin with {start:?}", words.len()),
+                format!("{NONE}, {UNKNOWN}, then at most {} others", MAX_ROWS - 2),
+            );
+        }
+        let mut seen = std::collections::HashSet::new();
+        for word in words {
+            if word.is_empty() || word.len() > MAX_WORD || word.contains('\n') || !seen.insert(word) {
+                let expected = format!("different words of at most {MAX_WORD} bytes without line breaks");
+                return refuse(word.clone(), expected);
+            }
+        }
+        Ok(())
+    }
+}

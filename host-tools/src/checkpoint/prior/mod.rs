@@ -1,0 +1,378 @@
+//! A motion prior in memory, put together from named tensors: the text encoder and the planner.
+//!
+//! Linears are torch's, `y = W x + b` with `W` `[out][in]`. The order in which [`PriorCheckpoint::text_parts`] and
+//! [`PriorCheckpoint::planner_parts`] list the parts is that of a blob.
+
+mod config;
+
+use std::path::Path;
+
+pub use config::{Activation, BOUNDARIES, MAX_WORD, NONE, NormOrder, PriorConfig, Sizes, TIMES, UNKNOWN};
+
+use super::error::{Error, ErrorKind, Result};
+use super::tensors::TensorMap;
+use super::tokenizer::{Conv1d, TokenizerCheckpoint};
+
+/// Value of `format` in the metadata.
+pub const FORMAT: &str = "motionette-prior";
+/// Value of `version` in the metadata.
+pub const VERSION: &str = "1";
+
+/// Weights and bias of `y = W x + b`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Linear {
+    /// Name without `.weight`.
+    pub name: String,
+    /// Numbers out.
+    pub outputs: usize,
+    /// Numbers in.
+    pub inputs: usize,
+    /// `[outputs][inputs]`.
+    pub weight: Vec<f32>,
+    /// `[outputs]`.
+    pub bias: Vec<f32>,
+}
+
+impl Linear {
+    /// The same as a convolution of one tap.
+    #[must_use]
+    pub fn as_convolution(&self) -> Conv1d {
+        let Self { name, outputs, inputs, weight, bias } = self.clone();
+        Conv1d { name, outputs, inputs, kernel: 1, weight, bias }
+    }
+}
+
+/// A table with a row for every id.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Embedding {
+    /// Name without `.weight`.
+    pub name: String,
+    /// Ids.
+    pub rows: usize,
+    /// Numbers a row.
+    pub width: usize,
+    /// `[rows][width]`.
+    pub weight: Vec<f32>,
+}
+
+impl Embedding {
+    /// The rows as outputs of a convolution of one tap, without bias.
+    #[must_use]
+    pub fn as_convolution(&self) -> Conv1d {
+        let Self { name, rows, width, weight } = self.clone();
+        Conv1d { name, outputs: rows, inputs: width, kernel: 1, weight, bias: vec![0.0; rows] }
+    }
+}
+
+/// `(x - mean) / sqrt(variance + epsilon) * weight + bias`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LayerNorm {
+    /// Name without `.weight`.
+    pub name: String,
+    /// `[width]`.
+    pub weight: Vec<f32>,
+    /// `[width]`.
+    pub bias: Vec<f32>,
+}
+
+/// Attention of a row over the memory of a text.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CrossAttention {
+    /// Its norm.
+    pub norm: LayerNorm,
+    /// d to d.
+    pub query: Linear,
+    /// Width of the memory to 2 d: keys, then values.
+    pub key_value: Linear,
+    /// d to d.
+    pub output: Linear,
+}
+
+/// One layer of a transformer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Block {
+    /// Norm of the self-attention.
+    pub norm1: LayerNorm,
+    /// d to 3 d: queries, keys, values.
+    pub qkv: Linear,
+    /// d to d.
+    pub output: Linear,
+    /// Cross-attention, in the planner.
+    pub cross: Option<CrossAttention>,
+    /// Norm of the feed-forward sublayer.
+    pub norm2: LayerNorm,
+    /// d to hidden.
+    pub expand: Linear,
+    /// Hidden to d.
+    pub contract: Linear,
+}
+
+/// Words to a memory and a distribution over lengths.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TextEncoder {
+    /// A row a word of the vocabulary.
+    pub embedding: Embedding,
+    /// A row a place in the prompt.
+    pub position: Embedding,
+    /// In order of execution.
+    pub layers: Vec<Block>,
+    /// Behind the last layer.
+    pub norm: LayerNorm,
+    /// Pooled memory to a class a length in tokens, class k = k + 1 tokens.
+    pub length: Linear,
+}
+
+/// Noisy tokens and a text to logits over clean tokens.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planner {
+    /// Pooled memory to row 0.
+    pub global: Linear,
+    /// [`TIMES`] rows.
+    pub time: Embedding,
+    /// [`BOUNDARIES`] rows: `2 start_open + end_open`.
+    pub boundary: Embedding,
+    /// A row a place from the start.
+    pub position: Embedding,
+    /// A row a place from the end.
+    pub end: Embedding,
+    /// One row, added where a token is fixed.
+    pub fixed: Embedding,
+    /// In order of execution.
+    pub layers: Vec<Block>,
+    /// Behind the last layer.
+    pub norm: LayerNorm,
+    /// Logits; its rows are the embeddings of the tokens as well.
+    pub token: Linear,
+}
+
+/// Anything with weights.
+#[derive(Debug, Clone, Copy)]
+pub enum Part<'a> {
+    /// A linear.
+    Linear(&'a Linear),
+    /// A table.
+    Embedding(&'a Embedding),
+    /// A norm.
+    Norm(&'a LayerNorm),
+}
+
+/// Anything with weights, to change it.
+#[derive(Debug)]
+pub enum PartMut<'a> {
+    /// A linear.
+    Linear(&'a mut Linear),
+    /// A table.
+    Embedding(&'a mut Embedding),
+    /// A norm.
+    Norm(&'a mut LayerNorm),
+}
+
+/// A prior read from a checkpoint, checked: every tensor present, of the shape the configuration says, finite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PriorCheckpoint {
+    /// Sizes, vocabulary and provenance.
+    pub config: PriorConfig,
+    /// The text encoder.
+    pub text: TextEncoder,
+    /// The planner.
+    pub planner: Planner,
+}
+
+/// Reads a prior checkpoint (`nano.prior.safetensors`).
+///
+/// # Errors
+/// [`Error`] with the path and what is wrong.
+pub fn load(path: &Path) -> core::result::Result<PriorCheckpoint, Error> {
+    let read = || -> Result<PriorCheckpoint> {
+        let (map, metadata) = super::tensors_of(&std::fs::read(path)?)?;
+        super::expect_entry("format", metadata.get("format"), FORMAT)?;
+        super::expect_entry("version", metadata.get("version"), VERSION)?;
+        let text = metadata.get("config").ok_or_else(|| ErrorKind::MissingOption { key: "config".into() })?;
+        PriorCheckpoint::build(&map, PriorConfig::from_json(text)?)
+    };
+    read().map_err(|kind| Error { path: path.to_owned(), kind })
+}
+
+/// Takes tensors out of a map.
+struct Builder<'a> {
+    map: &'a TensorMap,
+}
+
+impl Builder<'_> {
+    fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
+        let shape: Vec<Option<usize>> = shape.iter().copied().map(Some).collect();
+        Ok(self.map.get(name, &shape)?.data.clone())
+    }
+
+    fn linear(&self, name: String, outputs: usize, inputs: usize) -> Result<Linear> {
+        let weight = self.tensor(&format!("{name}.weight"), &[outputs, inputs])?;
+        let bias = self.tensor(&format!("{name}.bias"), &[outputs])?;
+        Ok(Linear { name, outputs, inputs, weight, bias })
+    }
+
+    fn embedding(&self, name: &str, rows: usize, width: usize) -> Result<Embedding> {
+        let weight = self.tensor(&format!("{name}.weight"), &[rows, width])?;
+        Ok(Embedding { name: name.to_owned(), rows, width, weight })
+    }
+
+    fn norm(&self, name: String, width: usize) -> Result<LayerNorm> {
+        let weight = self.tensor(&format!("{name}.weight"), &[width])?;
+        let bias = self.tensor(&format!("{name}.bias"), &[width])?;
+        Ok(LayerNorm { name, weight, bias })
+    }
+
+    /// `memory`: width of the rows that cross-attention looks at.
+    fn layers(&self, base: &str, sizes: Sizes, memory: Option<usize>) -> Result<Vec<Block>> {
+        let Sizes { width, hidden, .. } = sizes;
+        let cross = |name: &str, memory: usize| -> Result<CrossAttention> {
+            Ok(CrossAttention {
+                norm: self.norm(format!("{name}.norm_cross"), width)?,
+                query: self.linear(format!("{name}.cross.q"), width, width)?,
+                key_value: self.linear(format!("{name}.cross.kv"), 2 * width, memory)?,
+                output: self.linear(format!("{name}.cross.out"), width, width)?,
+            })
+        };
+        let block = |i: usize| {
+            let name = format!("{base}.layers.{i}");
+            Ok(Block {
+                norm1: self.norm(format!("{name}.norm1"), width)?,
+                qkv: self.linear(format!("{name}.attention.qkv"), 3 * width, width)?,
+                output: self.linear(format!("{name}.attention.out"), width, width)?,
+                cross: memory.map(|memory| cross(&name, memory)).transpose()?,
+                norm2: self.norm(format!("{name}.norm2"), width)?,
+                expand: self.linear(format!("{name}.ffn.in"), hidden, width)?,
+                contract: self.linear(format!("{name}.ffn.out"), width, hidden)?,
+            })
+        };
+        (0..sizes.layers).map(block).collect()
+    }
+}
+
+impl PriorCheckpoint {
+    /// Puts a prior together and checks every tensor against `config`.
+    ///
+    /// # Errors
+    /// The first tensor that is missing, misshapen or not finite, by name; [`ErrorKind::Option`] for a configuration out of range.
+    pub fn build(map: &TensorMap, config: PriorConfig) -> Result<Self> {
+        config.check()?;
+        let builder = Builder { map };
+        let (dt, d) = (config.text.width, config.planner.width);
+        let text = TextEncoder {
+            embedding: builder.embedding("text.embedding", config.vocabulary.len(), dt)?,
+            position: builder.embedding("text.position", config.max_words, dt)?,
+            layers: builder.layers("text", config.text, None)?,
+            norm: builder.norm("text.norm".into(), dt)?,
+            length: builder.linear("text.length".into(), config.max_tokens, dt)?,
+        };
+        let planner = Planner {
+            global: builder.linear("planner.global".into(), d, dt)?,
+            time: builder.embedding("planner.time", TIMES, d)?,
+            boundary: builder.embedding("planner.boundary", BOUNDARIES, d)?,
+            position: builder.embedding("planner.position", config.max_tokens, d)?,
+            end: builder.embedding("planner.end", config.max_tokens, d)?,
+            fixed: builder.embedding("planner.fixed", 1, d)?,
+            layers: builder.layers("planner", config.planner, Some(dt))?,
+            norm: builder.norm("planner.norm".into(), d)?,
+            token: builder.linear("planner.token".into(), config.codes, d)?,
+        };
+        Ok(Self { config, text, planner })
+    }
+
+    /// Refuses a tokenizer other than the one whose tokens the prior was trained on.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Option`] when the sizes differ, [`ErrorKind::OtherTokenizer`] when the codebook does.
+    pub fn check_tokenizer(&self, tokenizer: &TokenizerCheckpoint) -> Result<()> {
+        let c = &tokenizer.config;
+        let sizes = [
+            ("codes", self.config.codes, c.codes),
+            ("code_dim", self.config.code_dim, c.code_dim),
+            ("quantizers", 1, c.quantizers),
+        ];
+        for (key, value, expected) in sizes {
+            if value != expected {
+                let expected = format!("{expected}, as the tokenizer has");
+                return Err(ErrorKind::Option { key: key.into(), value: value.to_string(), expected });
+            }
+        }
+        let actual = codebook_hash(tokenizer);
+        if actual == self.config.tokenizer {
+            return Ok(());
+        }
+        Err(ErrorKind::OtherTokenizer { expected: self.config.tokenizer.clone(), actual })
+    }
+
+    /// Parts of the text encoder in the order of a blob.
+    #[must_use]
+    pub fn text_parts(&self) -> Vec<Part<'_>> {
+        let t = &self.text;
+        let mut parts = vec![Part::Embedding(&t.embedding), Part::Embedding(&t.position)];
+        t.layers.iter().for_each(|b| b.parts(&mut parts));
+        parts.extend([Part::Norm(&t.norm), Part::Linear(&t.length)]);
+        parts
+    }
+
+    /// Parts of the planner in the order of a blob.
+    #[must_use]
+    pub fn planner_parts(&self) -> Vec<Part<'_>> {
+        let p = &self.planner;
+        let tables = [&p.time, &p.boundary, &p.position, &p.end, &p.fixed];
+        let mut parts = vec![Part::Linear(&p.global)];
+        parts.extend(tables.map(Part::Embedding));
+        p.layers.iter().for_each(|b| b.parts(&mut parts));
+        parts.extend([Part::Norm(&p.norm), Part::Linear(&p.token)]);
+        parts
+    }
+
+    /// Parts of both, text encoder first, to change them.
+    #[must_use]
+    pub fn parts_mut(&mut self) -> Vec<PartMut<'_>> {
+        let (t, p) = (&mut self.text, &mut self.planner);
+        let mut parts = vec![PartMut::Embedding(&mut t.embedding), PartMut::Embedding(&mut t.position)];
+        t.layers.iter_mut().for_each(|b| b.parts_mut(&mut parts));
+        parts.extend([PartMut::Norm(&mut t.norm), PartMut::Linear(&mut t.length)]);
+        parts.push(PartMut::Linear(&mut p.global));
+        let tables = [&mut p.time, &mut p.boundary, &mut p.position, &mut p.end, &mut p.fixed];
+        parts.extend(tables.map(PartMut::Embedding));
+        p.layers.iter_mut().for_each(|b| b.parts_mut(&mut parts));
+        parts.extend([PartMut::Norm(&mut p.norm), PartMut::Linear(&mut p.token)]);
+        parts
+    }
+}
+
+impl Block {
+    fn parts<'a>(&'a self, parts: &mut Vec<Part<'a>>) {
+        parts.extend([Part::Norm(&self.norm1), Part::Linear(&self.qkv), Part::Linear(&self.output)]);
+        if let Some(c) = &self.cross {
+            parts.push(Part::Norm(&c.norm));
+            parts.extend([&c.query, &c.key_value, &c.output].map(Part::Linear));
+        }
+        parts.extend([Part::Norm(&self.norm2), Part::Linear(&self.expand), Part::Linear(&self.contract)]);
+    }
+
+    fn parts_mut<'a>(&'a mut self, parts: &mut Vec<PartMut<'a>>) {
+        parts.extend([
+            PartMut::Norm(&mut self.norm1),
+            PartMut::Linear(&mut self.qkv),
+            PartMut::Linear(&mut self.output),
+        ]);
+        if let Some(c) = &mut self.cross {
+            parts.push(PartMut::Norm(&mut c.norm));
+            parts.extend([&mut c.query, &mut c.key_value, &mut c.output].map(PartMut::Linear));
+        }
+        parts.extend([
+            PartMut::Norm(&mut self.norm2),
+            PartMut::Linear(&mut self.expand),
+            PartMut::Linear(&mut self.contract),
+        ]);
+    }
+}
+
+/// SHA-256, hex, over the little-endian bytes of all codebooks: how a prior names its tokenizer.
+#[must_use]
+pub fn codebook_hash(tokenizer: &TokenizerCheckpoint) -> String {
+    use sha2::{Digest, Sha256};
+    let mut hash = Sha256::new();
+    tokenizer.codebooks.iter().flatten().for_each(|v| hash.update(v.to_le_bytes()));
+    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+}

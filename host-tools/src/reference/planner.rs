@@ -1,0 +1,108 @@
+//! The planner: noisy tokens, a time and a text to logits over clean tokens.
+//!
+//! Rows are 1 + L: row 0 carries text, time and open ends, row 1 + i token i. Every layer attends over all of them and over the memory
+//! of the text.
+
+use super::real::Real;
+use super::text::Encoded;
+use super::transformer::{Block, Embedding, LayerNorm, Linear};
+use crate::checkpoint::prior::{PriorCheckpoint, TIMES};
+
+/// A text as the layers see it: the same in every step.
+#[derive(Debug, Clone)]
+pub struct Context<T> {
+    /// `[d]`
+    global: Vec<T>,
+    /// A layer each: keys and values `[n][2 d]`.
+    memories: Vec<Vec<T>>,
+}
+
+/// What is known of a motion besides its text.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Window<'a> {
+    /// Which tokens are fixed; missing ones are not.
+    pub fixed: &'a [bool],
+    /// The motion went on before the first token.
+    pub start_open: bool,
+    /// The motion goes on behind the last token.
+    pub end_open: bool,
+}
+
+/// The planner.
+#[derive(Debug, Clone)]
+pub struct Planner<T> {
+    /// Codes V.
+    pub codes: usize,
+    /// Longest motion, tokens.
+    pub max_tokens: usize,
+    global: Linear<T>,
+    time: Embedding<T>,
+    boundary: Embedding<T>,
+    position: Embedding<T>,
+    end: Embedding<T>,
+    fixed: Embedding<T>,
+    layers: Vec<Block<T>>,
+    norm: LayerNorm<T>,
+    token: Linear<T>,
+    tokens: Embedding<T>,
+    width: usize,
+}
+
+impl<T: Real> Planner<T> {
+    /// From a checkpoint.
+    #[must_use]
+    pub fn new(checkpoint: &PriorCheckpoint) -> Self {
+        let (config, p) = (&checkpoint.config, &checkpoint.planner);
+        Self {
+            codes: config.codes,
+            max_tokens: config.max_tokens,
+            global: Linear::new(&p.global),
+            time: Embedding::new(&p.time),
+            boundary: Embedding::new(&p.boundary),
+            position: Embedding::new(&p.position),
+            end: Embedding::new(&p.end),
+            fixed: Embedding::new(&p.fixed),
+            layers: p.layers.iter().map(|b| Block::new(b, config.planner.heads, config)).collect(),
+            norm: LayerNorm::new(&p.norm, config.epsilon),
+            token: Linear::new(&p.token),
+            tokens: Embedding::of_rows(&p.token),
+            width: config.planner.width,
+        }
+    }
+
+    /// What every step needs of a text.
+    #[must_use]
+    pub fn context(&self, text: &Encoded<T>) -> Context<T> {
+        Context {
+            global: self.global.forward(&text.pooled),
+            memories: self.layers.iter().map(|l| l.remember(&text.memory)).collect(),
+        }
+    }
+
+    /// Logits `[L][V]` over the clean tokens, given `tokens` at time `time` in `0..1`.
+    ///
+    /// # Panics
+    /// For a token outside the codebook, or more than [`Planner::max_tokens`] of them.
+    #[must_use]
+    pub fn logits(&self, context: &Context<T>, tokens: &[u16], time: f64, window: Window<'_>) -> Vec<T> {
+        let mut x = context.global.clone();
+        self.time.add(((TIMES as f64 * time) as usize).min(TIMES - 1), &mut x);
+        self.boundary.add(2 * usize::from(window.start_open) + usize::from(window.end_open), &mut x);
+        for (i, &token) in tokens.iter().enumerate() {
+            let start = x.len();
+            x.extend_from_slice(self.tokens.row(usize::from(token)));
+            let row = &mut x[start..];
+            self.position.add(i, row);
+            if !window.end_open {
+                self.end.add(tokens.len() - 1 - i, row);
+            }
+            if window.fixed.get(i).copied().unwrap_or(false) {
+                self.fixed.add(0, row);
+            }
+        }
+        for (layer, memory) in self.layers.iter().zip(&context.memories) {
+            layer.forward(&mut x, memory, &[]);
+        }
+        self.token.forward(&self.norm.forward(&x[self.width..]))
+    }
+}

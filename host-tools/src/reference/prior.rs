@@ -1,0 +1,101 @@
+//! A prior made ready to run: a prompt to tokens.
+
+use super::planner::{Context, Planner, Window};
+use super::real::Real;
+use super::text::{self, TextEncoder};
+use super::tmd::{Settings, Tmd};
+use crate::checkpoint::TokenizerCheckpoint;
+use crate::checkpoint::prior::PriorCheckpoint;
+
+/// What a motion is planned from: a text, how strongly it guides, and what is known of the motion.
+#[derive(Debug, Clone)]
+pub struct Guided<T> {
+    conditional: Context<T>,
+    /// With it `unconditional + guidance (conditional - unconditional)`; absent when guidance is 1.
+    unconditional: Option<Context<T>>,
+    guidance: T,
+    /// The motion went on before the first token.
+    pub start_open: bool,
+    /// The motion goes on behind the last token.
+    pub end_open: bool,
+}
+
+/// Text encoder, planner and sampler.
+#[derive(Debug, Clone)]
+pub struct Prior<T> {
+    /// Prompt to memory.
+    pub text: TextEncoder<T>,
+    /// Noisy tokens to logits.
+    pub planner: Planner<T>,
+    /// Corruption and sampling.
+    pub tmd: Tmd<T>,
+}
+
+impl<T: Real> Prior<T> {
+    /// From a checkpoint and the tokenizer it was trained with ([`PriorCheckpoint::check_tokenizer`] says whether it was).
+    #[must_use]
+    pub fn new(checkpoint: &PriorCheckpoint, tokenizer: &TokenizerCheckpoint) -> Self {
+        let codebook = tokenizer.codebooks.first().map_or(&[][..], Vec::as_slice);
+        Self::with_codebook(checkpoint, codebook)
+    }
+
+    /// From a checkpoint and a codebook `[V][du]`.
+    #[must_use]
+    pub fn with_codebook(checkpoint: &PriorCheckpoint, codebook: &[f32]) -> Self {
+        let c = &checkpoint.config;
+        Self {
+            text: TextEncoder::new(checkpoint),
+            planner: Planner::new(checkpoint),
+            tmd: Tmd::new(codebook, c.code_dim, c.c, c.a),
+        }
+    }
+
+    /// The length the text encoder predicts, tokens.
+    #[must_use]
+    pub fn length(&self, words: &[u16]) -> usize {
+        self.text.length(&self.text.encode(words).pooled)
+    }
+
+    /// Makes words ready for planning; guidance 1 means none.
+    #[must_use]
+    pub fn guided(&self, words: &[u16], guidance: f32) -> Guided<T> {
+        let context = |words: &[u16]| self.planner.context(&self.text.encode(words));
+        Guided {
+            conditional: context(words),
+            unconditional: (guidance != 1.0).then(|| context(&[text::NONE])),
+            guidance: T::from_f32(guidance),
+            start_open: false,
+            end_open: false,
+        }
+    }
+
+    /// Logits `[L][V]` over clean tokens, given `tokens` at `time`; `fixed` says which of them are given (missing ones are not).
+    #[must_use]
+    pub fn logits(&self, guided: &Guided<T>, tokens: &[u16], time: f64, fixed: &[bool]) -> Vec<T> {
+        let window = Window { fixed, start_open: guided.start_open, end_open: guided.end_open };
+        let mut logits = self.planner.logits(&guided.conditional, tokens, time, window);
+        if let Some(context) = &guided.unconditional {
+            let without = self.planner.logits(context, tokens, time, window);
+            for (with, without) in logits.iter_mut().zip(without) {
+                *with = without + guided.guidance * (*with - without);
+            }
+        }
+        logits
+    }
+
+    /// Plans `length` tokens; returns them after every step, the last are the result.
+    #[must_use]
+    pub fn sample(&self, guided: &Guided<T>, length: usize, settings: &Settings) -> Vec<Vec<u16>> {
+        let mut fixed = vec![false; length];
+        for &(position, _) in &settings.fixed {
+            fixed[position] = true;
+        }
+        self.tmd.sample(length, settings, |tokens, time| self.logits(guided, tokens, time, &fixed))
+    }
+
+    /// Plans `length` tokens of a motion for words.
+    #[must_use]
+    pub fn generate(&self, words: &[u16], guidance: f32, length: usize, settings: &Settings) -> Vec<u16> {
+        self.sample(&self.guided(words, guidance), length, settings).pop().unwrap_or_default()
+    }
+}

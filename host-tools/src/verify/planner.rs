@@ -1,0 +1,200 @@
+//! Does the quantised planner propose what the f32 reference proposes?
+//!
+//! Both see the same corrupted tokens `z_t` of real clips at the same times, with the clip's caption; compared is the most probable token
+//! of every position. So two planners are compared and not two random walks; what a walk of ten steps makes of the small differences is
+//! reported apart.
+
+use motionette::hash::Stream;
+use serde::Serialize;
+
+use super::Error;
+use crate::checkpoint::TokenizerCheckpoint;
+use crate::dataset::{ClipView, Dataset, Split};
+use crate::reference::tmd::Settings;
+use crate::reference::{Prior, Tokenizer};
+
+/// Times at which planners are compared.
+pub const TIMES: [f64; 3] = [0.25, 0.5, 0.75];
+/// Share of positions at which both must find the same token most probable.
+pub const AGREEMENT_BUDGET: f64 = 0.98;
+/// Tokens a clip needs.
+const LEAST_TOKENS: usize = 2;
+
+/// A real motion with its caption.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Case {
+    /// Name of the clip.
+    pub id: String,
+    /// Its caption.
+    pub prompt: String,
+    /// Word ids of the caption.
+    pub words: Vec<u16>,
+    /// Its tokens.
+    pub tokens: Vec<u16>,
+}
+
+/// Agreement at one time.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AtTime {
+    /// The time.
+    pub time: f64,
+    /// Share of positions with the same most probable token.
+    pub top1: f64,
+    /// Mean Kullback-Leibler divergence of the other's distribution from the reference's, nats.
+    pub divergence: f64,
+}
+
+/// Agreement of a planner with the reference.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Agreement {
+    /// Clips.
+    pub clips: usize,
+    /// Positions compared, of all times.
+    pub positions: usize,
+    /// Share of positions with the same most probable token, of all times.
+    pub top1: f64,
+    /// By time.
+    pub times: Vec<AtTime>,
+}
+
+/// At most `count` clips of `split` with a caption that the prior can read, spread evenly over it.
+///
+/// # Errors
+/// [`Error::NoCaptions`], [`Error::Encode`].
+pub fn cases(
+    tokenizer: &TokenizerCheckpoint,
+    prior: &Prior<f32>,
+    dataset: &Dataset,
+    split: Split,
+    count: usize,
+) -> Result<Vec<Case>, Error> {
+    let per_token = tokenizer.config.frames_per_token();
+    let readable = |clip: &ClipView<'_>| {
+        let caption = clip.info.captions.iter().find_map(|c| {
+            // Captions of a part of a clip say nothing of the whole.
+            let words = prior.text.read(&c.text).ok().filter(|_| c.from == 0.0 && c.to == 0.0)?;
+            Some((c.text.clone(), words.ids))
+        });
+        caption.filter(|_| clip.frames() >= LEAST_TOKENS * per_token)
+    };
+    let clips: Vec<_> = dataset.split(split).filter_map(|clip| readable(&clip).map(|c| (clip, c))).collect();
+    if clips.is_empty() || count == 0 {
+        return Err(Error::NoCaptions { split });
+    }
+    let wanted = count.min(clips.len());
+    let chosen: Vec<_> = (0..wanted).map(|i| &clips[i * clips.len() / wanted]).collect();
+    let encoder = Tokenizer::<f32>::new(tokenizer);
+    let encode = |(clip, (prompt, words)): &&(ClipView<'_>, (String, Vec<u16>))| {
+        let frames = clip.frames().min(prior.planner.max_tokens * per_token);
+        let id = clip.info.id.clone();
+        match encoder.encode(&clip.features[..frames * tokenizer.config.features]) {
+            Ok(ids) => {
+                let tokens = ids.into_iter().map(super::runtime_token).collect();
+                Ok(Case { id, prompt: prompt.clone(), words: words.clone(), tokens })
+            }
+            Err(source) => Err(Error::Encode { clip: id, source }),
+        }
+    };
+    crate::parallel::map(&chosen, encode).into_iter().collect()
+}
+
+/// Compares `logits` (`[L][V]`, for a case, its tokens corrupted and the time) with those of `exact`. `progress` is called once a case.
+///
+/// # Errors
+/// What `logits` fails with.
+pub fn agreement<E: Send>(
+    cases: &[Case],
+    exact: &Prior<f32>,
+    logits: impl Fn(&Case, &[u16], f64) -> Result<Vec<f32>, E> + Sync,
+    progress: impl Fn() + Sync,
+) -> Result<Agreement, E> {
+    let numbered: Vec<(usize, &Case)> = cases.iter().enumerate().collect();
+    let sums = crate::parallel::map(&numbered, |&(seed, case)| -> Result<_, E> {
+        let guided = exact.guided(&case.words, 1.0);
+        let mut stream = Stream::new(seed as u64);
+        let mut sums = [(0_usize, 0.0); TIMES.len()];
+        for (sum, time) in sums.iter_mut().zip(TIMES) {
+            let z = exact.tmd.corrupt(&case.tokens, time, &mut stream);
+            let (a, b) = (exact.logits(&guided, &z, time, &[]), logits(case, &z, time)?);
+            let rows = a.chunks_exact(exact.planner.codes).zip(b.chunks_exact(exact.planner.codes));
+            for (a, b) in rows {
+                sum.0 += usize::from(most_probable(a) == most_probable(b));
+                sum.1 += divergence(a, b);
+            }
+        }
+        progress();
+        Ok(sums)
+    });
+    let positions: usize = cases.iter().map(|c| c.tokens.len()).sum();
+    let share = 1.0 / positions.max(1) as f64;
+    let mut times = TIMES.map(|time| AtTime { time, top1: 0.0, divergence: 0.0 });
+    for sums in sums {
+        for (to, (same, divergence)) in times.iter_mut().zip(sums?) {
+            to.top1 += share * same as f64;
+            to.divergence += share * divergence;
+        }
+    }
+    let top1 = times.iter().map(|t| t.top1).sum::<f64>() / TIMES.len() as f64;
+    Ok(Agreement { clips: cases.len(), positions: TIMES.len() * positions, top1, times: times.into() })
+}
+
+/// Share of equal tokens when both sample whole motions of the same lengths with the same random numbers; `tokens` gives the other's.
+///
+/// # Errors
+/// What `tokens` fails with.
+pub fn free_running<E: Send>(
+    cases: &[Case],
+    exact: &Prior<f32>,
+    guidance: f32,
+    settings: &Settings,
+    tokens: impl Fn(&Case, &Settings) -> Result<Vec<u16>, E> + Sync,
+    progress: impl Fn() + Sync,
+) -> Result<f64, E> {
+    let numbered: Vec<(usize, &Case)> = cases.iter().enumerate().collect();
+    let same = crate::parallel::map(&numbered, |&(seed, case)| -> Result<usize, E> {
+        let settings = Settings { seed: seed as u64, ..settings.clone() };
+        let own = exact.generate(&case.words, guidance, case.tokens.len(), &settings);
+        let other = tokens(case, &settings)?;
+        progress();
+        Ok(own.iter().zip(&other).filter(|(a, b)| a == b).count())
+    });
+    let same: usize = same.into_iter().sum::<Result<usize, E>>()?;
+    Ok(same as f64 / cases.iter().map(|c| c.tokens.len()).sum::<usize>().max(1) as f64)
+}
+
+/// Place of the largest logit, the first of equals.
+#[must_use]
+pub fn most_probable(logits: &[f32]) -> usize {
+    let better = |best: (usize, f32), (i, &v): (usize, &f32)| if v > best.1 { (i, v) } else { best };
+    logits.iter().enumerate().fold((0, f32::NEG_INFINITY), better).0
+}
+
+/// `sum_i p_i (ln p_i - ln q_i)` of the softmaxes of two rows of logits.
+fn divergence(p: &[f32], q: &[f32]) -> f64 {
+    let log_sum = |x: &[f32]| {
+        let largest = x.iter().fold(f64::NEG_INFINITY, |m, &v| m.max(f64::from(v)));
+        largest + x.iter().map(|&v| (f64::from(v) - largest).exp()).sum::<f64>().ln()
+    };
+    let (p_sum, q_sum) = (log_sum(p), log_sum(q));
+    p.iter()
+        .zip(q)
+        .map(|(&p, &q)| {
+            let p = f64::from(p) - p_sum;
+            p.exp() * (p - (f64::from(q) - q_sum))
+        })
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn divergence_of_known_distributions() {
+        // (1/2, 1/2) from (1/4, 3/4): ln 2 / 2 + ln(2/3) / 2.
+        let (p, q) = ([1.0, 1.0], [0.0, 3.0_f32.ln()]);
+        assert!((divergence(&p, &q) - 0.5 * (2.0_f64.ln() + (2.0_f64 / 3.0).ln())).abs() < 1e-7);
+        assert!(divergence(&q, &[5.0, 5.0 + 3.0_f32.ln()]).abs() < 1e-7);
+        assert_eq!(most_probable(&[0.5, 2.0, 2.0, -1.0]), 1);
+    }
+}

@@ -1,0 +1,141 @@
+//! Small checkpoints for tests: a tokenizer, and a prior of its tokens.
+
+use std::collections::HashMap;
+
+use motionette_host::checkpoint::{Tensor, TensorMap, TokenizerCheckpoint, prior};
+use safetensors::{Dtype, tensor::TensorView};
+
+use super::Random;
+
+/// Sizes of the small tokenizer.
+pub const TOKENIZER: &str = r#"{"width": 4, "encoder_width": 5, "code_dim": 3, "codes": 6, "quantizers": 1, "depth": 2,
+    "dilations": [3, 1], "down_t": 2, "features": 263, "fps": 20, "preset": "small", "seed": 1, "steps": 2,
+    "data_hash": "none", "metrics": [{"split": "val"}]}"#;
+
+/// Every tensor of a tokenizer.
+pub fn tokenizer() -> TensorMap {
+    let mut map = TensorMap::default();
+    let mut count = 0;
+    let mut add = |name: &str, shape: &[usize]| {
+        let data = (0..shape.iter().product::<usize>()).map(|i| ((i * 7 + count) % 23) as f32 / 23.0 - 0.4).collect();
+        count += 1;
+        map.insert(name, Tensor { shape: shape.to_vec(), data });
+    };
+    let mut conv = |name: String, outputs: usize, inputs: usize, kernel: usize| {
+        add(&format!("{name}.weight"), &[outputs, inputs, kernel]);
+        add(&format!("{name}.bias"), &[outputs]);
+    };
+    conv("encoder.model.0".into(), 5, 263, 3);
+    conv("decoder.model.0".into(), 4, 3, 3);
+    for s in [2, 3] {
+        conv(format!("encoder.model.{s}.0"), 5, 5, 4);
+        for b in 0..2 {
+            for (part, width) in [("encoder", 5), ("decoder", 4)] {
+                let stack = if part == "encoder" { 1 } else { 0 };
+                conv(format!("{part}.model.{s}.{stack}.model.{b}.conv1"), width, width, 3);
+                conv(format!("{part}.model.{s}.{stack}.model.{b}.conv2"), width, width, 1);
+            }
+        }
+        conv(format!("decoder.model.{s}.2"), 4, 4, 3);
+    }
+    conv("encoder.model.4".into(), 3, 5, 3);
+    conv("decoder.model.4".into(), 4, 4, 3);
+    conv("decoder.model.6".into(), 263, 4, 3);
+    add("quantizer.layers.0.codebook", &[6, 3]);
+    add("mean", &[263]);
+    map.insert("std", Tensor { shape: vec![263], data: vec![0.5; 263] });
+    map
+}
+
+/// Metadata of a tokenizer with this configuration.
+pub fn tokenizer_metadata(config: &str) -> HashMap<String, String> {
+    metadata("motionette-tokenizer", config)
+}
+
+/// A safetensors file.
+pub fn bytes(map: &TensorMap, metadata: HashMap<String, String>) -> Vec<u8> {
+    let raw: Vec<(String, Vec<usize>, Vec<u8>)> = map
+        .iter()
+        .map(|(n, t)| (n.to_owned(), t.shape.clone(), t.data.iter().flat_map(|v| v.to_le_bytes()).collect()))
+        .collect();
+    let views = raw.iter().map(|(n, s, d)| (n.clone(), TensorView::new(Dtype::F32, s.clone(), d).expect("a view")));
+    safetensors::serialize(views, Some(metadata)).expect("a file")
+}
+
+fn metadata(format: &str, config: &str) -> HashMap<String, String> {
+    [("format", format), ("version", "1"), ("config", config)].map(|(k, v)| (k.to_owned(), v.to_owned())).into()
+}
+
+/// Metadata of a prior with this configuration.
+pub fn prior_metadata(config: &str) -> HashMap<String, String> {
+    metadata("motionette-prior", config)
+}
+
+/// The small tokenizer, checked.
+pub fn tokenizer_checkpoint() -> TokenizerCheckpoint {
+    let config = motionette_host::checkpoint::Config::from_json(TOKENIZER).expect("a good configuration");
+    TokenizerCheckpoint::build(&tokenizer(), config).expect("a good checkpoint")
+}
+
+/// Sizes and vocabulary of a small prior of the small tokenizer's tokens. `norm`: pre or post; `activation`: gelu or relu.
+pub fn prior_config(norm: &str, activation: &str) -> String {
+    let hash = prior::codebook_hash(&tokenizer_checkpoint());
+    format!(
+        r#"{{"vocabulary": ["<none>", "<unknown>", "a", "person", "walks", "waves", "carry", "run", "tired"], "max_words": 7,
+    "max_tokens": 49, "codes": 6, "code_dim": 3, "text": {{"width": 8, "heads": 2, "layers": 1, "hidden": 13}},
+    "planner": {{"width": 12, "heads": 3, "layers": 2, "hidden": 11}}, "epsilon": 1e-5, "norm": "{norm}",
+    "activation": "{activation}", "c": 3.0, "a": 0.9, "tokenizer": "{hash}", "preset": "tiny", "seed": 1, "steps": 2,
+    "data_hash": "none", "metrics": null}}"#
+    )
+}
+
+/// Every tensor of a small prior, random.
+pub fn prior(seed: u64) -> TensorMap {
+    let (words, max_words, max_tokens, codes, dt, d) = (9, 7, 49, 6, 8, 12);
+    let mut random = Random(seed);
+    let mut map = TensorMap::default();
+    let mut add = |name: String, shape: &[usize], size: f64, middle: f64| {
+        let data = (0..shape.iter().product()).map(|_| (middle + size * random.uniform()) as f32).collect();
+        map.insert(name, Tensor { shape: shape.to_vec(), data });
+    };
+    let mut tables = vec![("text.embedding", words, dt), ("text.position", max_words, dt), ("planner.time", 32, d)];
+    tables.extend([("planner.boundary", 4, d), ("planner.position", max_tokens, d), ("planner.end", max_tokens, d)]);
+    tables.push(("planner.fixed", 1, d));
+    for (name, rows, width) in tables {
+        add(format!("{name}.weight"), &[rows, width], 1.0, 0.0);
+    }
+    let mut linears = vec![("text.length".to_owned(), max_tokens, dt)];
+    linears.extend([("planner.global".into(), d, dt), ("planner.token".into(), codes, d)]);
+    let mut norms = vec![("text.norm".to_owned(), dt), ("planner.norm".into(), d)];
+    for (base, layers, width, hidden) in [("text", 1, dt, 13), ("planner", 2, d, 11)] {
+        for i in 0..layers {
+            let name = format!("{base}.layers.{i}");
+            norms.extend([(format!("{name}.norm1"), width), (format!("{name}.norm2"), width)]);
+            linears.push((format!("{name}.attention.qkv"), 3 * width, width));
+            linears.push((format!("{name}.attention.out"), width, width));
+            linears.push((format!("{name}.ffn.in"), hidden, width));
+            linears.push((format!("{name}.ffn.out"), width, hidden));
+            if base == "planner" {
+                norms.push((format!("{name}.norm_cross"), width));
+                linears.push((format!("{name}.cross.q"), width, width));
+                linears.push((format!("{name}.cross.kv"), 2 * width, dt));
+                linears.push((format!("{name}.cross.out"), width, width));
+            }
+        }
+    }
+    for (name, outputs, inputs) in linears {
+        add(format!("{name}.weight"), &[outputs, inputs], 1.5 / (inputs as f64).sqrt(), 0.0);
+        add(format!("{name}.bias"), &[outputs], 0.3, 0.0);
+    }
+    for (name, width) in norms {
+        add(format!("{name}.weight"), &[width], 0.3, 1.0);
+        add(format!("{name}.bias"), &[width], 0.2, 0.0);
+    }
+    map
+}
+
+/// A small prior, checked.
+pub fn prior_checkpoint(seed: u64, norm: &str, activation: &str) -> prior::PriorCheckpoint {
+    let config = prior::PriorConfig::from_json(&prior_config(norm, activation)).expect("a good configuration");
+    prior::PriorCheckpoint::build(&prior(seed), config).expect("a good checkpoint")
+}

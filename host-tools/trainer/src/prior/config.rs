@@ -1,0 +1,147 @@
+//! What a run of the prior is made of: sizes, corruption, augmentation, schedule.
+
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+use crate::schedule;
+use crate::transformer::Sizes;
+
+/// Longest motion, tokens.
+pub const MAX_TOKENS: usize = 49;
+/// Times that the planner tells apart.
+pub const TIME_BINS: usize = 32;
+
+/// Sizes of text encoder and planner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Architecture {
+    /// Text encoder.
+    pub text: Sizes,
+    /// Planner.
+    pub planner: Sizes,
+    /// Most words of a prompt.
+    pub max_words: usize,
+}
+
+/// Everything that decides a run. Two runs with equal configuration, data, tokenizer and version give equal weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Name of the preset the configuration began as.
+    pub preset: String,
+    /// Sizes.
+    pub architecture: Architecture,
+    /// Seed of weights, batches and dropout.
+    pub seed: u64,
+    /// Motions in a batch.
+    pub batch: usize,
+    /// Course of the learning rate.
+    pub schedule: schedule::Settings,
+    /// Decoupled weight decay.
+    pub weight_decay: f32,
+    /// Largest global norm of the gradient.
+    pub clip: f32,
+    /// Decay of the averaged weights, which become the checkpoint.
+    pub average_decay: f32,
+    /// Share of activations that residual branches drop.
+    pub dropout: f32,
+    /// Corruption: `beta(t) = c (t / (1 - t))^a`.
+    pub c: f32,
+    /// The exponent of it.
+    pub a: f32,
+    /// Share of prompts replaced by the empty one, for guidance.
+    pub text_dropout: f64,
+    /// Share of words replaced by the unknown one.
+    pub word_dropout: f64,
+    /// Share of motions of which only a piece is shown, with open ends.
+    pub crops: f64,
+    /// Share of motions that are joined with another one of the same caption.
+    pub joins: f64,
+    /// Share of motions with tokens fixed in advance.
+    pub fixed: f64,
+    /// Weight of the length head's cross-entropy.
+    pub length: f32,
+}
+
+impl Config {
+    /// The configuration of a preset: `nano` is the model that ships, `micro` about four times that, `tiny` is for tests.
+    ///
+    /// # Errors
+    /// [`Error::UnknownPreset`] for any other name.
+    pub fn preset(name: &str) -> Result<Self, Error> {
+        let sizes = |width, layers| Sizes { width, heads: 4, layers, hidden: 2 * width };
+        let nano = Self {
+            preset: name.to_owned(),
+            architecture: Architecture { text: sizes(128, 1), planner: sizes(128, 4), max_words: 32 },
+            seed: 1,
+            batch: 64,
+            schedule: schedule::Settings { learning_rate: 1e-3, warm_up: 300, decay: 0.4, final_rate: 0.01 },
+            weight_decay: 0.02,
+            clip: 1.0,
+            average_decay: 0.999,
+            dropout: 0.1,
+            c: 3.0,
+            a: 0.9,
+            text_dropout: 0.1,
+            word_dropout: 0.03,
+            crops: 0.25,
+            joins: 0.1,
+            fixed: 0.25,
+            length: 0.1,
+        };
+        match name {
+            "nano" => Ok(nano),
+            "micro" => {
+                Ok(Self { architecture: Architecture { planner: sizes(256, 4), ..nano.architecture.clone() }, ..nano })
+            }
+            "tiny" => Ok(Self {
+                architecture: Architecture {
+                    text: Sizes { width: 8, heads: 2, layers: 1, hidden: 12 },
+                    planner: Sizes { width: 12, heads: 2, layers: 2, hidden: 16 },
+                    max_words: 12,
+                },
+                batch: 6,
+                ..nano
+            }),
+            _ => Err(Error::UnknownPreset { name: name.to_owned() }),
+        }
+    }
+
+    /// Checks what the rest of the trainer relies on.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] with the field, its value and what is allowed.
+    pub fn check(&self) -> Result<(), Error> {
+        let require = |holds: bool, field: &'static str, value: String, allowed: &'static str| {
+            if holds { Ok(()) } else { Err(Error::Setting { field, value, allowed }) }
+        };
+        let a = &self.architecture;
+        for (field, sizes) in [("architecture.text", &a.text), ("architecture.planner", &a.planner)] {
+            let heads = sizes.heads > 0 && sizes.width.is_multiple_of(sizes.heads);
+            let holds = heads && (1..=1024).contains(&sizes.width) && (1..=16).contains(&sizes.layers);
+            let holds = holds && (1..=4096).contains(&sizes.hidden);
+            let allowed = "width 1 to 1024, a multiple of heads; layers 1 to 16; hidden 1 to 4096";
+            require(holds, field, format!("{sizes:?}"), allowed)?;
+        }
+        require((1..=64).contains(&a.max_words), "max_words", a.max_words.to_string(), "1 to 64")?;
+        require((1..=4096).contains(&self.batch), "batch", self.batch.to_string(), "1 to 4096")?;
+        let s = &self.schedule;
+        let rate = s.learning_rate > 0.0 && s.learning_rate <= 0.1 && (0.0..=1.0).contains(&s.decay);
+        require(rate, "schedule", format!("{s:?}"), "learning_rate above 0, at most 0.1; decay 0 to 1")?;
+        require((0.0..1.0).contains(&self.average_decay), "average_decay", self.average_decay.to_string(), "0 to 1")?;
+        require(self.clip > 0.0, "clip", self.clip.to_string(), "above 0")?;
+        require((0.0..0.9).contains(&self.dropout), "dropout", self.dropout.to_string(), "0 to 0.9")?;
+        let corruption = self.c > 0.0 && self.c < 1e3 && self.a > 0.0 && self.a <= 4.0;
+        require(corruption, "c, a", format!("{}, {}", self.c, self.a), "c above 0, below 1000; a above 0, at most 4")?;
+        for (field, share) in [
+            ("text_dropout", self.text_dropout),
+            ("word_dropout", self.word_dropout),
+            ("crops", self.crops),
+            ("joins", self.joins),
+            ("fixed", self.fixed),
+        ] {
+            require((0.0..=1.0).contains(&share), field, share.to_string(), "0 to 1")?;
+        }
+        require(self.length >= 0.0 && self.length.is_finite(), "length", self.length.to_string(), "0 or more")
+    }
+}

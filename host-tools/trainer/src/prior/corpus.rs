@@ -1,0 +1,304 @@
+//! Motions as tokens with their sentences, and the examples that are drawn from them.
+
+use std::collections::BTreeMap;
+
+use burn::tensor::{Device, Tensor, TensorData};
+use motionette_host::dataset::{ClipView, Dataset, Split};
+use motionette_host::motion::features::{Bones, Options, extract};
+use motionette_host::motion::mirror::mirror_joints;
+use motionette_host::parallel;
+
+use super::Error;
+use super::captions::{NONE, Paraphrases, UNKNOWN, Vocabulary, mirrored};
+use super::config::{Config, MAX_TOKENS};
+use super::corruption::Metric;
+use super::model::Example;
+use crate::random::Random;
+use crate::tokenizer::checkpoint::Checkpoint;
+use crate::tokenizer::config::{FEATURES, FRAMES_PER_TOKEN};
+use crate::tokenizer::model::Network;
+use crate::tokenizer::quantizer::nearest;
+
+/// Steps whose examples are drawn together and sorted by length, so that little of a batch is padding.
+const POOL: u64 = 8;
+/// Candidates of which the best continuation of a joined motion is taken.
+const CONTINUATIONS: usize = 12;
+
+/// A clip or its mirrored twin.
+struct Motion {
+    clip: usize,
+    mirrored: bool,
+    /// Tokens from frame 0, 1, 2 and 3 on: the same motion, cut at other places.
+    phases: Vec<Vec<u16>>,
+}
+
+/// An example with what the networks should say of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Labelled {
+    /// What they see.
+    pub example: Example,
+    /// The clean tokens.
+    pub clean: Vec<u16>,
+    /// Length of the whole motion, where it is shown whole.
+    pub length: Option<usize>,
+}
+
+/// One split as tokens.
+pub struct Corpus<'d> {
+    dataset: &'d Dataset,
+    motions: Vec<Motion>,
+    /// Motions of the same labels and the same side.
+    alike: BTreeMap<(String, bool), Vec<usize>>,
+    paraphrases: Paraphrases,
+    vocabulary: Vocabulary,
+    max_words: usize,
+}
+
+/// Words that occur in the training split's captions, their mirror images and paraphrases.
+pub fn vocabulary(dataset: &Dataset) -> (Vocabulary, Paraphrases) {
+    let paraphrases = Paraphrases::of(dataset.split(Split::Train));
+    let captions: Vec<String> = dataset
+        .split(Split::Train)
+        .flat_map(|clip| clip.info.captions.iter().flat_map(|c| [c.text.clone(), mirrored(&c.text)]))
+        .collect();
+    let vocabulary = Vocabulary::of(captions.iter().map(String::as_str).chain(paraphrases.words()));
+    (vocabulary, paraphrases)
+}
+
+impl<'d> Corpus<'d> {
+    /// Encodes the clips of `split` and, when `twins`, their mirrored twins.
+    ///
+    /// # Errors
+    /// [`Error::NoMotion`] when no clip has a caption and a token, [`Error::Mirror`] when features of a twin cannot be extracted.
+    pub fn new(
+        dataset: &'d Dataset,
+        split: Split,
+        twins: bool,
+        tokenizer: &Checkpoint,
+        vocabulary: &Vocabulary,
+        paraphrases: &Paraphrases,
+        max_words: usize,
+    ) -> Result<Self, Error> {
+        let usable = |clip: &ClipView<'_>| {
+            clip.info.split == split && clip.frames() >= FRAMES_PER_TOKEN && !clip.info.captions.is_empty()
+        };
+        let indices: Vec<usize> = (0..dataset.clips.len()).filter(|index| usable(&dataset.clip(*index))).collect();
+        if indices.is_empty() {
+            return Err(Error::NoMotion { split });
+        }
+        let device = Device::flex();
+        let network = Network::new(&tokenizer.config.architecture, &tokenizer.parameters, false, &device);
+        let features = |(index, twin): &(usize, bool)| -> Result<Vec<f32>, Error> {
+            let clip = dataset.clip(*index);
+            if !twin {
+                return Ok(clip.features.to_vec());
+            }
+            let options = Options { bones: Bones::Keep, ..Options::default() };
+            extract(&mirror_joints(clip.joints), &options)
+                .map_err(|source| Error::Mirror { clip: clip.info.id.clone(), source })
+        };
+        let sides: &[bool] = if twins { &[false, true] } else { &[false] };
+        let all: Vec<(usize, bool)> = indices.iter().flat_map(|i| sides.iter().map(|side| (*i, *side))).collect();
+        let mut motions = Vec::with_capacity(all.len());
+        let mut alike: BTreeMap<(String, bool), Vec<usize>> = BTreeMap::new();
+        for ((clip, mirrored), features) in all.iter().zip(parallel::map(&all, features)) {
+            let features = tokenizer.normalization.apply(&features?);
+            let encode = |first: usize| tokens(tokenizer, &network, &features[first * FEATURES..], &device);
+            let phases: Vec<Vec<u16>> = (0..FRAMES_PER_TOKEN).map(encode).filter(|tokens| !tokens.is_empty()).collect();
+            let labels = &dataset.clips[*clip].labels;
+            if let (Some(content), Some(style)) = (labels.get("content"), labels.get("style")) {
+                alike.entry((format!("{content} {style}"), *mirrored)).or_default().push(motions.len());
+            }
+            motions.push(Motion { clip: *clip, mirrored: *mirrored, phases });
+        }
+        Ok(Self {
+            dataset,
+            motions,
+            alike,
+            paraphrases: paraphrases.clone(),
+            vocabulary: vocabulary.clone(),
+            max_words,
+        })
+    }
+
+    /// Motions, twins included.
+    pub fn motions(&self) -> usize {
+        self.motions.len()
+    }
+
+    /// Tokens, twins included, counted once a motion.
+    pub fn tokens(&self) -> usize {
+        self.motions.iter().map(|motion| motion.phases[0].len()).sum()
+    }
+
+    /// The batch of a step: drawn with the other steps of its pool, sorted by length, every step a stretch of them.
+    pub fn batch(&self, config: &Config, metric: &Metric, step: u64) -> Vec<Labelled> {
+        let mut random = Random::new(config.seed, step / POOL);
+        let mut pool: Vec<Labelled> =
+            (0..config.batch * POOL as usize).map(|_| self.draw(config, metric, &mut random)).collect();
+        pool.sort_by_key(|labelled| labelled.clean.len());
+        let mut order: Vec<usize> = (0..POOL as usize).collect();
+        for i in (1..order.len()).rev() {
+            order.swap(i, random.below(i + 1));
+        }
+        let first = order[(step % POOL) as usize] * config.batch;
+        pool.drain(first..first + config.batch).collect()
+    }
+
+    /// One example: a motion, perhaps joined, perhaps cropped, perhaps with fixed tokens, corrupted at a random time.
+    fn draw(&self, config: &Config, metric: &Metric, random: &mut Random) -> Labelled {
+        let motion = &self.motions[random.below(self.motions.len())];
+        let mut tokens = motion.phases[random.below(motion.phases.len())].clone();
+        let mut joined = false;
+        if random.unit() < config.joins {
+            joined = self.join(motion, &mut tokens, metric, random);
+        }
+        let whole = tokens.len();
+        let (mut start, mut end) = (0, whole);
+        if whole > MAX_TOKENS || (random.unit() < config.crops && whole > 4) {
+            let shortest = 4.min(whole);
+            let length = shortest + random.below(whole.min(MAX_TOKENS) - shortest + 1);
+            let length = if whole > MAX_TOKENS { length.max(MAX_TOKENS / 2) } else { length };
+            // Ends of motions are rare among uniform crops; a third of the crops begin or end there.
+            start = match random.below(6) {
+                0 => 0,
+                1 => whole - length,
+                _ => random.below(whole - length + 1),
+            };
+            end = start + length;
+        }
+        let clean = tokens[start..end].to_vec();
+        let fixed = fixed(clean.len(), random.unit() < config.fixed, random);
+        let t = random.unit() as f32;
+        let z = clean.iter().zip(&fixed).map(|(c, f)| if *f { *c } else { metric.corrupt(*c, t, random) }).collect();
+        let words = self.sentence(motion, config, random);
+        let length = (start == 0 && end == whole && !joined).then_some(whole);
+        let example = Example { words, z, fixed, t, start_open: start > 0, end_open: end < whole };
+        Labelled { example, clean, length }
+    }
+
+    /// Appends another motion of the same labels where its tokens go on best; at most [`MAX_TOKENS`] in all.
+    fn join(&self, motion: &Motion, tokens: &mut Vec<u16>, metric: &Metric, random: &mut Random) -> bool {
+        let labels = &self.dataset.clips[motion.clip].labels;
+        let (Some(content), Some(style)) = (labels.get("content"), labels.get("style")) else { return false };
+        let Some(group) = self.alike.get(&(format!("{content} {style}"), motion.mirrored)) else { return false };
+        let Some(last) = tokens.last().copied() else { return false };
+        let room = MAX_TOKENS.saturating_sub(tokens.len());
+        let mut best: Option<(f32, &[u16])> = None;
+        for _ in 0..CONTINUATIONS {
+            let other = &self.motions[group[random.below(group.len())]];
+            let other = &other.phases[random.below(other.phases.len())];
+            for first in 0..=other.len() / 3 {
+                let rest = &other[first.min(other.len() - 1)..];
+                let distance = metric.distance(last, rest[0]);
+                if rest.len() <= room && best.is_none_or(|(least, _)| distance < least) {
+                    best = Some((distance, rest));
+                }
+            }
+        }
+        match best {
+            Some((_, rest)) => tokens.extend_from_slice(rest),
+            None => return false,
+        }
+        true
+    }
+
+    fn sentence(&self, motion: &Motion, config: &Config, random: &mut Random) -> Vec<usize> {
+        if random.unit() < config.text_dropout {
+            return vec![NONE];
+        }
+        let clip = self.dataset.clip(motion.clip);
+        let caption = &clip.info.captions[random.below(clip.info.captions.len())].text;
+        let text = self.paraphrases.draw(&clip, caption, random);
+        let text = if motion.mirrored { mirrored(&text) } else { text };
+        let mut words = self.vocabulary.encode(&text, self.max_words);
+        for word in &mut words {
+            if random.unit() < config.word_dropout {
+                *word = UNKNOWN;
+            }
+        }
+        if words.is_empty() { vec![NONE] } else { words }
+    }
+
+    /// Every whole motion of at most [`MAX_TOKENS`] with its first caption, corrupted at time `t`: the same for every call.
+    pub fn whole(&self, metric: &Metric, t: f32) -> Vec<Labelled> {
+        let mut examples = Vec::new();
+        for (index, motion) in self.motions.iter().enumerate() {
+            let clean: Vec<u16> = motion.phases[0].iter().copied().take(MAX_TOKENS).collect();
+            let mut random = Random::new(index as u64, u64::from(t.to_bits()));
+            let z = clean.iter().map(|c| metric.corrupt(*c, t, &mut random)).collect();
+            let text = &self.dataset.clips[motion.clip].captions[0].text;
+            let text = if motion.mirrored { mirrored(text) } else { text.clone() };
+            let words = self.vocabulary.encode(&text, self.max_words);
+            let words = if words.is_empty() { vec![NONE] } else { words };
+            let end_open = motion.phases[0].len() > MAX_TOKENS;
+            let fixed = vec![false; clean.len()];
+            let length = (!end_open).then_some(clean.len());
+            let example = Example { words, z, fixed, t, start_open: false, end_open };
+            examples.push(Labelled { example, clean, length });
+        }
+        examples.sort_by_key(|labelled| labelled.clean.len());
+        examples
+    }
+}
+
+/// Tokens of normalised features.
+fn tokens(tokenizer: &Checkpoint, network: &Network, features: &[f32], device: &Device) -> Vec<u16> {
+    let frames = features.len() / FEATURES / FRAMES_PER_TOKEN * FRAMES_PER_TOKEN;
+    if frames == 0 {
+        return Vec::new();
+    }
+    let x = TensorData::new(features[..frames * FEATURES].to_vec(), [1, frames, FEATURES]);
+    let latents = network.encode(Tensor::from_data(x, device), None);
+    let latents: Vec<f32> = latents.into_data().try_into_vec().expect("networks compute in f32");
+    nearest(&tokenizer.codebook, tokenizer.config.architecture.code_dim, &latents)
+}
+
+/// Which of `length` tokens are fixed: a beginning, an end, both, or single ones; never all.
+fn fixed(length: usize, wanted: bool, random: &mut Random) -> Vec<bool> {
+    let mut fixed = vec![false; length];
+    if !wanted || length < 2 {
+        return fixed;
+    }
+    let (first, second) = (1 + random.below(length - 1), 1 + random.below(length - 1));
+    match random.below(5) {
+        // To continue a motion is what streaming does all the time.
+        0 | 1 => fixed[..first].fill(true),
+        2 => fixed[first..].fill(true),
+        3 => {
+            let (from, to) = (first.min(second), first.max(second));
+            fixed[..from].fill(true);
+            fixed[to..].fill(true);
+        }
+        _ => {
+            let share = random.unit();
+            fixed.iter_mut().for_each(|f| *f = random.unit() < share);
+        }
+    }
+    if fixed.iter().all(|f| *f) {
+        fixed[random.below(length)] = false;
+    }
+    fixed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn something_is_always_left_to_plan() {
+        let mut random = Random::new(4, 4);
+        let mut kinds = [0; 3];
+        for _ in 0..2000 {
+            let length = 1 + random.below(12);
+            let wanted = random.unit() < 0.8;
+            let fixed = fixed(length, wanted, &mut random);
+            assert_eq!(fixed.len(), length);
+            assert!(fixed.iter().any(|f| !f) && (wanted || fixed.iter().all(|f| !f)));
+            kinds[0] += usize::from(fixed[0]);
+            kinds[1] += usize::from(fixed[length - 1]);
+            kinds[2] += usize::from(length > 2 && fixed[0] && fixed[length - 1]);
+        }
+        assert!(kinds.iter().all(|k| *k > 50), "{kinds:?}");
+    }
+}

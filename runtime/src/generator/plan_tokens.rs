@@ -1,0 +1,105 @@
+//! The planning stage: reads the prompt, settles the length, runs the sampler with the observer watching.
+
+use super::error::Error;
+use super::observer::{Observer, Stage, Watch};
+use crate::hash::Stream;
+use crate::nn::Interrupted;
+use crate::perception::prompt::{Heard, Prompt};
+use crate::planning::session::Session;
+use crate::planning::{Length, Planning};
+use crate::refining::Stop;
+
+/// What planning settled.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Planned {
+    /// Tokens of the motion.
+    pub tokens: usize,
+    /// What was understood of the prompt.
+    pub heard: Heard,
+}
+
+/// What the observer has wished for.
+#[derive(Debug, Clone, Copy, Default)]
+struct Wish {
+    finish: bool,
+    /// Whether there are proposals to finish with.
+    ready: bool,
+    abort: bool,
+}
+
+impl Wish {
+    /// Asks the observer. A wish to finish ends the pass only when there is something to finish with.
+    fn ask(&mut self, watch: &mut Watch<'_>) -> Result<(), Interrupted> {
+        match watch.ask() {
+            Ok(()) => Ok(()),
+            Err(Stop::Abort) => {
+                self.abort = true;
+                Err(Interrupted)
+            }
+            Err(Stop::Finish) => {
+                self.finish = true;
+                if self.ready { Err(Interrupted) } else { Ok(()) }
+            }
+        }
+    }
+}
+
+/// Plans the tokens of `prompt` into `tokens`, which has room for the longest motion there may be. A predicted length is
+/// at least `shortest`.
+#[inline(never)]
+pub(super) fn plan_tokens(
+    mut session: Session<'_, '_, '_>,
+    prompt: &Prompt<'_>,
+    planning: &Planning<'_>,
+    shortest: usize,
+    tokens: &mut [u16],
+    observer: &mut dyn Observer,
+) -> Result<Planned, Error> {
+    let mut wish = Wish::default();
+    let mut watch = Watch { observer, stage: Stage::Reading, evaluation: 1, evaluations: 1 };
+    let heard = session.read(prompt, &mut || wish.ask(&mut watch))?;
+    let heard = heard.map_err(|Interrupted| Error::Aborted)?;
+
+    let mut count = tokens.len();
+    if planning.length == Length::Predicted {
+        let least = [shortest, planning.shortest()];
+        let mut wanted = session.predicted_length();
+        for least in least {
+            if wanted < least {
+                wanted = least;
+            }
+        }
+        if wanted < count {
+            count = wanted;
+        }
+    }
+    let tokens = tokens.get_mut(..count).unwrap_or(&mut []);
+
+    let mut stream = Stream::new(planning.seed);
+    session.begin(planning, &mut stream, tokens);
+    watch.stage = Stage::Planning;
+    watch.evaluations = planning.steps;
+    for step in 0..planning.steps {
+        watch.evaluation = step + 1;
+        let time = planning.schedule.time(step, planning.steps);
+        if session.pass(tokens, time, planning, &mut || wish.ask(&mut watch)).is_err() {
+            if wish.abort {
+                return Err(Error::Aborted);
+            }
+            for (to, from) in tokens.iter_mut().zip(session.proposal()) {
+                *to = *from;
+            }
+            break;
+        }
+        let last = wish.finish || step + 1 == planning.steps;
+        let next = planning.schedule.time(step + 1, planning.steps);
+        let stride = session.tmd().step(time, next);
+        session.advance(planning, if last { None } else { Some(&stride) }, &mut stream, tokens);
+        wish.ready = true;
+        watch.observer.tokens(step, tokens);
+        if last {
+            break;
+        }
+    }
+    Ok(Planned { tokens: count, heard })
+}

@@ -1,0 +1,162 @@
+//! Multi-head attention over segments of keys and values, int8 (DESIGN section 4).
+//!
+//! Head h of row r: `p = softmax_j(q_r . k_j / sqrt(dh))` over the rows j of all segments, `y_r = sum_j p_j v_j`. Queries
+//! become int16 with one scale a (row, head), keys and values are int8 with one scale a (row, head); the values' scales
+//! are folded into the probabilities before these become int16. Segments are summed in their order.
+
+use super::conv1d::BLOCK;
+use super::{quantise, softmax};
+use crate::kernels::{linear_s16s8, linear_transposed_s16s8};
+
+/// How a width is split into heads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Heads {
+    /// Number of heads `H`.
+    pub count: usize,
+    /// Channels of one, `dh`.
+    pub width: usize,
+}
+
+/// Keys and values of some rows, to be attended to.
+#[derive(Debug, Clone, Copy)]
+pub struct Segment<'a> {
+    /// Rows `n`.
+    pub rows: usize,
+    /// `[H][n][dh]`
+    pub keys: &'a [i8],
+    /// `[H][n]`
+    pub key_scales: &'a [f32],
+    /// `[H][n][dh]`
+    pub values: &'a [i8],
+    /// `[H][n]`
+    pub value_scales: &'a [f32],
+}
+
+/// The same while it is written.
+#[derive(Debug)]
+pub struct SegmentMut<'a> {
+    /// Rows `n`.
+    pub rows: usize,
+    /// `[H][n][dh]`
+    pub keys: &'a mut [i8],
+    /// `[H][n]`
+    pub key_scales: &'a mut [f32],
+    /// `[H][n][dh]`
+    pub values: &'a mut [i8],
+    /// `[H][n]`
+    pub value_scales: &'a mut [f32],
+}
+
+impl SegmentMut<'_> {
+    /// To read from.
+    #[must_use]
+    pub fn view(&self) -> Segment<'_> {
+        Segment {
+            rows: self.rows,
+            keys: self.keys,
+            key_scales: self.key_scales,
+            values: self.values,
+            value_scales: self.value_scales,
+        }
+    }
+
+    /// Stores the keys `[H dh]` of row `row`.
+    pub fn put_key(&mut self, heads: Heads, row: usize, key: &[f32]) {
+        put(heads, self.rows, row, key, self.keys, self.key_scales);
+    }
+
+    /// Stores the values `[H dh]` of row `row`.
+    pub fn put_value(&mut self, heads: Heads, row: usize, value: &[f32]) {
+        put(heads, self.rows, row, value, self.values, self.value_scales);
+    }
+}
+
+fn put(heads: Heads, rows: usize, row: usize, x: &[f32], q: &mut [i8], scales: &mut [f32]) {
+    for (head, x) in x.chunks_exact(heads.width.max(1)).enumerate() {
+        let at = head * rows + row;
+        let Some(q) = q.get_mut(at * heads.width..(at + 1) * heads.width) else { continue };
+        if let Some(scale) = scales.get_mut(at) {
+            *scale = quantise::row_narrow(x, q);
+        }
+    }
+}
+
+/// Scratch of [`attend`].
+#[derive(Debug)]
+pub struct Scratch<'a> {
+    /// One head of the queries, `[BLOCK][dh]`.
+    pub q: &'a mut [i16],
+    /// Its scales, `[BLOCK]`.
+    pub scales: &'a mut [f32],
+    /// Scores, then probabilities: one a row and key of all segments, `[BLOCK][keys]`.
+    pub scores: &'a mut [f32],
+    /// Probabilities times value scales, `[keys]`.
+    pub p: &'a mut [i16],
+    /// `[BLOCK][max(keys, dh)]`
+    pub acc: &'a mut [i32],
+}
+
+/// Multiply-accumulates of one query row over `keys` keys.
+#[must_use]
+pub const fn macs(heads: Heads, keys: usize) -> u64 {
+    2 * (heads.count * heads.width * keys) as u64
+}
+
+/// Attends from at most [`BLOCK`] rows of queries `q [R][H dh]` to all `segments`; `out [R][H dh]`.
+pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32], scratch: &mut Scratch<'_>) {
+    let (dh, width) = (heads.width.max(1), (heads.count * heads.width).max(1));
+    let keys = segments.iter().fold(0, |sum, s| sum + s.rows);
+    let root = 1.0 / libm::sqrtf(dh as f32);
+    let rows = q.len() / width;
+    out.fill(0.0);
+    if keys == 0 || rows > BLOCK {
+        return;
+    }
+    for head in 0..heads.count {
+        let columns = head * dh..(head + 1) * dh;
+        let each = q.chunks_exact(width).zip(scratch.q.chunks_exact_mut(dh)).zip(scratch.scales.iter_mut());
+        for ((q, to), scale) in each {
+            *scale = quantise::row(q.get(columns.clone()).unwrap_or(&[]), to, quantise::limit(dh));
+        }
+        let queries = scratch.q.get(..rows * dh).unwrap_or(&[]);
+        let mut first = 0;
+        for s in segments {
+            let n = s.rows;
+            linear_s16s8(queries, s.keys.get(head * n * dh..(head + 1) * n * dh).unwrap_or(&[]), dh, n, scratch.acc);
+            let key_scales = s.key_scales.get(head * n..(head + 1) * n).unwrap_or(&[]);
+            let each = scratch.scores.chunks_exact_mut(keys).zip(scratch.acc.chunks_exact(n.max(1)));
+            for ((scores, acc), scale) in each.zip(scratch.scales.iter()).take(rows) {
+                let factor = *scale * root;
+                let to = scores.iter_mut().skip(first);
+                for ((to, acc), key_scale) in to.zip(acc).zip(key_scales) {
+                    *to = *acc as f32 * factor * *key_scale;
+                }
+            }
+            first += n;
+        }
+        for (scores, out) in scratch.scores.chunks_exact_mut(keys).zip(out.chunks_exact_mut(width)) {
+            softmax::softmax(scores);
+            let mut rest = scores.iter_mut();
+            for s in segments {
+                let value_scales = s.value_scales.get(head * s.rows..(head + 1) * s.rows).unwrap_or(&[]);
+                for (p, scale) in rest.by_ref().take(s.rows).zip(value_scales) {
+                    *p *= *scale;
+                }
+            }
+            let scale = quantise::row(scores, scratch.p, quantise::limit(keys));
+            let Some(out) = out.get_mut(columns.clone()) else { continue };
+            let mut first = 0;
+            for s in segments {
+                let n = s.rows;
+                let p = scratch.p.get(first..first + n).unwrap_or(&[]);
+                let values = s.values.get(head * n * dh..(head + 1) * n * dh).unwrap_or(&[]);
+                let acc = scratch.acc.get_mut(..dh).unwrap_or(&mut []);
+                linear_transposed_s16s8(p, values, dh, n, acc);
+                for (y, a) in out.iter_mut().zip(acc.iter()) {
+                    *y += *a as f32 * scale;
+                }
+                first += n;
+            }
+        }
+    }
+}

@@ -1,0 +1,494 @@
+//! Transformer blocks: self-attention, optional cross-attention to a memory, feed-forward layer.
+//!
+//! Pre: `x += Out(attention(LN1 x))`, `x += CrossOut(attention(LNc x, memory))`, `x += F2(act(F1(LN2 x)))`.
+//! Post: the same with each norm behind its sum instead: `x = LN1(x + Out(attention(x)))`, and so on.
+//!
+//! Keys and values of all rows come first; from there on a block works through its rows [`BLOCK`] at a time, in place,
+//! so that nothing but keys and values is kept a row. A stack's blocks stay in the tensor table and are resolved one at a
+//! time as they are run: a model costs no memory a layer.
+
+use super::activation;
+use super::attention::{self, Heads, Segment, SegmentMut, attend};
+use super::conv1d::{BLOCK, Rows};
+use super::linear::Linear;
+use super::norm::{LayerNorm, MAX_INPUT};
+use super::quantise;
+use crate::arena::{Arena, ArenaTooSmall, bytes_of};
+use crate::blob::{Activation, Error, Norm, Tensors, TransformerConfig};
+use heapless::Vec;
+
+/// Segments that self-attention may read: a sequence's own rows and those that something else adds.
+pub const MAX_SEGMENTS: usize = 2;
+
+/// Cross-attention of a block.
+#[derive(Debug, Clone, Copy)]
+struct Cross<'a> {
+    norm: LayerNorm<'a>,
+    query: Linear<'a>,
+    /// `dt` to `2 d`: keys, then values.
+    keys_values: Linear<'a>,
+    out: Linear<'a>,
+}
+
+/// One block in flash.
+#[derive(Debug, Clone, Copy)]
+pub struct Block<'a> {
+    config: TransformerConfig,
+    norm1: LayerNorm<'a>,
+    /// `d` to `3 d`: queries, keys, values.
+    qkv: Linear<'a>,
+    out: Linear<'a>,
+    cross: Option<Cross<'a>>,
+    norm2: LayerNorm<'a>,
+    up: Linear<'a>,
+    down: Linear<'a>,
+}
+
+/// Sizes that a [`Scratch`] must serve.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sizes {
+    /// Widest row.
+    pub width: usize,
+    /// Widest input of any linear layer.
+    pub inputs: usize,
+    /// Widest output of any linear layer that is not a feed-forward layer's.
+    pub outputs: usize,
+    /// Widest feed-forward layer.
+    pub hidden: usize,
+    /// Widest head.
+    pub head: usize,
+    /// Most keys that a row attends to.
+    pub keys: usize,
+}
+
+impl Sizes {
+    /// Sizes that serve both.
+    #[must_use]
+    pub fn with(self, other: Sizes) -> Sizes {
+        let most = |a: usize, b: usize| if a > b { a } else { b };
+        Sizes {
+            width: most(self.width, other.width),
+            inputs: most(self.inputs, other.inputs),
+            outputs: most(self.outputs, other.outputs),
+            hidden: most(self.hidden, other.hidden),
+            head: most(self.head, other.head),
+            keys: most(self.keys, other.keys),
+        }
+    }
+
+    const fn acc(&self) -> usize {
+        let mut most = self.outputs;
+        let others = [self.width, self.hidden, self.keys, self.head];
+        let [a, b, c, d] = others;
+        if a > most {
+            most = a;
+        }
+        if b > most {
+            most = b;
+        }
+        if c > most {
+            most = c;
+        }
+        if d > most {
+            most = d;
+        }
+        BLOCK * most
+    }
+
+    const fn q(&self) -> usize {
+        let mut most = self.inputs;
+        if self.width > most {
+            most = self.width;
+        }
+        if self.hidden > most {
+            most = self.hidden;
+        }
+        BLOCK * most
+    }
+}
+
+/// One block of rows on its way through the layers.
+#[derive(Debug)]
+pub struct Scratch<'w> {
+    /// `[BLOCK][d]`
+    a: &'w mut [f32],
+    /// `[BLOCK][d]`
+    b: &'w mut [f32],
+    /// `[BLOCK][hidden]`
+    hidden: &'w mut [f32],
+    /// `[BLOCK][K]`
+    q: &'w mut [i16],
+    /// `[BLOCK]`
+    scales: &'w mut [f32],
+    attention: attention::Scratch<'w>,
+}
+
+impl<'w> Scratch<'w> {
+    /// Arena bytes of [`Scratch::new`].
+    #[must_use]
+    pub const fn bytes(sizes: &Sizes) -> usize {
+        2 * bytes_of::<f32>(BLOCK * sizes.width)
+            + bytes_of::<f32>(BLOCK * sizes.hidden)
+            + bytes_of::<i16>(sizes.q())
+            + bytes_of::<f32>(BLOCK)
+            + bytes_of::<i16>(BLOCK * sizes.head)
+            + bytes_of::<f32>(BLOCK)
+            + bytes_of::<f32>(BLOCK * sizes.keys)
+            + bytes_of::<i16>(sizes.keys)
+            + bytes_of::<i32>(sizes.acc())
+    }
+
+    /// Takes the buffers.
+    ///
+    /// # Errors
+    /// [`ArenaTooSmall`].
+    pub fn new(arena: &mut Arena<'w>, sizes: &Sizes) -> Result<Self, ArenaTooSmall> {
+        Ok(Scratch {
+            a: arena.take(BLOCK * sizes.width)?,
+            b: arena.take(BLOCK * sizes.width)?,
+            hidden: arena.take(BLOCK * sizes.hidden)?,
+            q: arena.take(sizes.q())?,
+            scales: arena.take(BLOCK)?,
+            attention: attention::Scratch {
+                q: arena.take(BLOCK * sizes.head)?,
+                scales: arena.take(BLOCK)?,
+                scores: arena.take(BLOCK * sizes.keys)?,
+                p: arena.take(sizes.keys)?,
+                acc: arena.take(sizes.acc())?,
+            },
+        })
+    }
+
+    /// `out [R][N]` of `x [R][K]`, at most [`BLOCK`] rows.
+    pub fn linear(&mut self, layer: &Linear<'_>, x: &[f32], out: &mut [f32]) {
+        let rows = quantised(x, layer.inputs(), self.q, self.scales);
+        layer.forward(rows, out, self.attention.acc);
+    }
+}
+
+/// Quantises at most [`BLOCK`] rows.
+fn quantised<'q>(x: &[f32], width: usize, q: &'q mut [i16], scales: &'q mut [f32]) -> Rows<'q> {
+    quantise::rows(x, width, quantise::limit(width), q, scales);
+    let rows = x.len() / width.max(1);
+    Rows { q: q.get(..rows * width).unwrap_or(&[]), scales: scales.get(..rows).unwrap_or(&[]) }
+}
+
+impl<'a> Block<'a> {
+    /// Reads a block from the next tensors; with `memory`, the width of the rows that it attends to, it has
+    /// cross-attention.
+    fn open(tensors: &mut Tensors<'a>, config: TransformerConfig, memory: Option<u16>) -> Result<Self, Error> {
+        let TransformerConfig { width, hidden, epsilon, .. } = config;
+        let norm1 = LayerNorm::open(tensors, width, epsilon)?;
+        let qkv = Linear::open(tensors, width, width.saturating_mul(3))?;
+        let out = Linear::open(tensors, width, width)?;
+        let cross = match memory {
+            None => None,
+            Some(memory) => Some(Cross {
+                norm: LayerNorm::open(tensors, width, epsilon)?,
+                query: Linear::open(tensors, width, width)?,
+                keys_values: Linear::open(tensors, memory, width.saturating_mul(2))?,
+                out: Linear::open(tensors, width, width)?,
+            }),
+        };
+        let norm2 = LayerNorm::open(tensors, width, epsilon)?;
+        let up = Linear::open(tensors, width, hidden)?;
+        let down = Linear::open(tensors, hidden, width)?;
+        Ok(Block { config, norm1, qkv, out, cross, norm2, up, down })
+    }
+
+    const fn width(&self) -> usize {
+        self.config.width as usize
+    }
+
+    /// A bound of `|x|` behind the block when `|x| <= bound` before it and `|memory| <= memory`; `None` where a number
+    /// on the way could leave the range that its successor takes.
+    fn bound(&self, bound: f32, memory: f32) -> Option<f32> {
+        let within = |bound: f32| if bound < MAX_INPUT { Some(bound) } else { None };
+        let post = self.config.norm == Norm::Post;
+        let into = |norm: &LayerNorm<'_>, x: f32| if post { x } else { norm.bound() };
+        let onward = |norm: &LayerNorm<'_>, x: f32| if post { norm.bound() } else { x };
+        // Attention averages: what comes out of it is no larger than its values, but for their rounding.
+        let mut x = within(bound)?;
+        let values = within(self.qkv.bound(within(into(&self.norm1, x))?))?;
+        x = onward(&self.norm1, within(x + self.out.bound(1.01 * values))?);
+        if let Some(cross) = &self.cross {
+            within(cross.query.bound(within(into(&cross.norm, x))?))?;
+            let values = within(cross.keys_values.bound(within(memory)?))?;
+            x = onward(&cross.norm, within(x + cross.out.bound(1.01 * values))?);
+        }
+        let hidden = within(self.up.bound(within(into(&self.norm2, x))?))?;
+        x = onward(&self.norm2, within(x + self.down.bound(hidden))?);
+        within(x)
+    }
+
+    /// Multiply-accumulates of a row that attends to `keys` own keys and `memory` rows of memory.
+    fn macs(&self, heads: Heads, keys: usize, memory: usize) -> u64 {
+        let cross = self
+            .cross
+            .as_ref()
+            .map_or(0, |cross| cross.query.macs() + cross.out.macs() + attention::macs(heads, memory));
+        let own = self.qkv.macs() + self.out.macs() + attention::macs(heads, keys);
+        own + cross + self.up.macs() + self.down.macs()
+    }
+
+    /// Multiply-accumulates of a row of memory.
+    fn memory_macs(&self) -> u64 {
+        self.cross.as_ref().map_or(0, |cross| cross.keys_values.macs())
+    }
+
+    /// Keys and values of `memory [n][dt]` for the cross-attention of this block, into `segment`.
+    pub fn read_memory(&self, memory: &[f32], segment: &mut SegmentMut<'_>, scratch: &mut Scratch<'_>) {
+        let Some(cross) = &self.cross else { return };
+        let inputs = cross.keys_values.inputs().max(1);
+        for (block, rows) in memory.chunks((BLOCK * inputs).max(1)).enumerate() {
+            project(self.heads(), &cross.keys_values, 0, rows, block * BLOCK, segment, scratch);
+        }
+    }
+
+    /// Keys and values of all rows of `x [n][d]` into `own`.
+    fn read_own(&self, x: &[f32], own: &mut SegmentMut<'_>, scratch: &mut Scratch<'_>) {
+        let width = self.width().max(1);
+        for (block, x) in x.chunks(BLOCK * width).enumerate() {
+            match self.config.norm {
+                Norm::Post => project(self.heads(), &self.qkv, width, x, block * BLOCK, own, scratch),
+                Norm::Pre => {
+                    let normed = core::mem::take(&mut scratch.a);
+                    if let Some(rows) = normed.get_mut(..x.len()) {
+                        self.norm1.forward(x, rows);
+                        project(self.heads(), &self.qkv, width, rows, block * BLOCK, own, scratch);
+                    }
+                    scratch.a = normed;
+                }
+            }
+        }
+    }
+
+    const fn heads(&self) -> Heads {
+        heads(&self.config)
+    }
+
+    /// Runs the block over `x [n][d]` in place. `own` has room for `n` rows; self-attention reads `extra` beside them;
+    /// `memory` holds what [`Block::read_memory`] made.
+    pub fn forward(
+        &self,
+        x: &mut [f32],
+        own: &mut SegmentMut<'_>,
+        extra: Option<Segment<'_>>,
+        memory: Option<Segment<'_>>,
+        scratch: &mut Scratch<'_>,
+    ) {
+        self.read_own(x, own, scratch);
+        let mut segments: Vec<Segment<'_>, MAX_SEGMENTS> = Vec::new();
+        let _ = segments.push(own.view());
+        if let Some(extra) = extra {
+            let _ = segments.push(extra);
+        }
+        let width = self.width().max(1);
+        let heads = self.heads();
+        for x in x.chunks_mut(BLOCK * width) {
+            let queries = self.qkv.part(0, width);
+            self.sublayer(&self.norm1, x, scratch, |rows, out, scratch| {
+                attention_layer(heads, &queries, &self.out, &segments, rows, out, scratch);
+            });
+            if let (Some(cross), Some(memory)) = (&self.cross, memory) {
+                self.sublayer(&cross.norm, x, scratch, |rows, out, scratch| {
+                    attention_layer(heads, &cross.query, &cross.out, &[memory], rows, out, scratch);
+                });
+            }
+            self.sublayer(&self.norm2, x, scratch, |rows, out, scratch| {
+                feed_forward(self.config.activation, &self.up, &self.down, rows, out, scratch);
+            });
+        }
+    }
+
+    /// `x += f(LN x)` or `x = LN(x + f(x))` for at most [`BLOCK`] rows. `f` reads rows, writes rows, and may overwrite
+    /// what it has read.
+    fn sublayer(
+        &self,
+        norm: &LayerNorm<'_>,
+        x: &mut [f32],
+        scratch: &mut Scratch<'_>,
+        f: impl Fn(&mut [f32], &mut [f32], &mut Scratch<'_>),
+    ) {
+        let (a, b) = (core::mem::take(&mut scratch.a), core::mem::take(&mut scratch.b));
+        if let (Some(rows), Some(out)) = (a.get_mut(..x.len()), b.get_mut(..x.len())) {
+            match self.config.norm {
+                Norm::Pre => norm.forward(x, rows),
+                Norm::Post => {
+                    for (to, from) in rows.iter_mut().zip(x.iter()) {
+                        *to = *from;
+                    }
+                }
+            }
+            f(rows, out, scratch);
+            for (x, y) in x.iter_mut().zip(rows.iter()) {
+                *x += *y;
+            }
+            if self.config.norm == Norm::Post {
+                norm.forward_in_place(x);
+            }
+        }
+        (scratch.a, scratch.b) = (a, b);
+    }
+}
+
+/// Keys and values of at most [`BLOCK`] rows, by the outputs of `layer` from `first` on.
+fn project(
+    heads: Heads,
+    layer: &Linear<'_>,
+    first: usize,
+    rows: &[f32],
+    at: usize,
+    segment: &mut SegmentMut<'_>,
+    scratch: &mut Scratch<'_>,
+) {
+    let width = (heads.count * heads.width).max(1);
+    let count = rows.len() / layer.inputs().max(1);
+    let x = quantised(rows, layer.inputs(), scratch.q, scratch.scales);
+    let Some(out) = scratch.b.get_mut(..count * width) else { return };
+    layer.part(first, width).forward(x, out, scratch.attention.acc);
+    for (row, key) in out.chunks_exact(width).enumerate() {
+        segment.put_key(heads, at + row, key);
+    }
+    layer.part(first + width, width).forward(x, out, scratch.attention.acc);
+    for (row, value) in out.chunks_exact(width).enumerate() {
+        segment.put_value(heads, at + row, value);
+    }
+}
+
+/// `rows <- Out(attention(Query rows))`, `other` of the same size.
+fn attention_layer(
+    heads: Heads,
+    query: &Linear<'_>,
+    out: &Linear<'_>,
+    segments: &[Segment<'_>],
+    rows: &mut [f32],
+    other: &mut [f32],
+    scratch: &mut Scratch<'_>,
+) {
+    scratch.linear(query, rows, other);
+    attend(heads, other, segments, rows, &mut scratch.attention);
+    scratch.linear(out, rows, other);
+    for (to, from) in rows.iter_mut().zip(other.iter()) {
+        *to = *from;
+    }
+}
+
+/// `rows <- F2(act(F1 rows))`.
+fn feed_forward(
+    kind: Activation,
+    up: &Linear<'_>,
+    down: &Linear<'_>,
+    rows: &mut [f32],
+    other: &mut [f32],
+    scratch: &mut Scratch<'_>,
+) {
+    let hidden = core::mem::take(&mut scratch.hidden);
+    let count = rows.len() / up.inputs().max(1);
+    if let Some(wide) = hidden.get_mut(..count * up.outputs()) {
+        scratch.linear(up, rows, wide);
+        activation::apply(kind, wide);
+        scratch.linear(down, wide, other);
+    }
+    scratch.hidden = hidden;
+    for (to, from) in rows.iter_mut().zip(other.iter()) {
+        *to = *from;
+    }
+}
+
+/// How a stack's width is split.
+#[must_use]
+pub const fn heads(config: &TransformerConfig) -> Heads {
+    let count = if config.heads == 0 { 1 } else { config.heads as usize };
+    Heads { count, width: config.width as usize / count }
+}
+
+/// A stack of blocks, left in the tensor table.
+#[derive(Debug, Clone, Copy)]
+pub struct Stack<'a> {
+    config: TransformerConfig,
+    memory: Option<u16>,
+    first: Tensors<'a>,
+}
+
+impl<'a> Stack<'a> {
+    /// Checks the blocks in the next tensors and remembers where they are.
+    ///
+    /// # Errors
+    /// Any [`Error`] of a tensor.
+    pub fn open(tensors: &mut Tensors<'a>, config: TransformerConfig, memory: Option<u16>) -> Result<Self, Error> {
+        let first = tensors.trusted();
+        for _ in 0..config.layers {
+            Block::open(tensors, config, memory)?;
+        }
+        Ok(Stack { config, memory, first })
+    }
+
+    /// A bound of the rows behind the last block when rows and memory before the first are bounded so.
+    ///
+    /// # Errors
+    /// [`Error::Unbounded`] where numbers could leave the range that a layer takes.
+    pub fn bound(&self, rows: f32, memory: f32) -> Result<f32, Error> {
+        let mut tensors = self.first;
+        let mut bound = rows;
+        for _ in 0..self.config.layers {
+            let index = tensors.index();
+            let block = Block::open(&mut tensors, self.config, self.memory)?;
+            bound = block.bound(bound, memory).ok_or(Error::Unbounded { index })?;
+        }
+        Ok(bound)
+    }
+
+    /// The configuration.
+    #[must_use]
+    pub const fn config(&self) -> &TransformerConfig {
+        &self.config
+    }
+
+    /// How the width is split.
+    #[must_use]
+    pub const fn heads(&self) -> Heads {
+        heads(&self.config)
+    }
+
+    /// The blocks in order of execution.
+    pub fn blocks(&self) -> impl Iterator<Item = Block<'a>> + use<'a> {
+        let Stack { config, memory, mut first } = *self;
+        // They opened once, so they open again.
+        (0..config.layers).map_while(move |_| Block::open(&mut first, config, memory).ok())
+    }
+
+    /// What a [`Scratch`] must serve for so many rows and rows of memory.
+    #[must_use]
+    pub fn sizes(&self, rows: usize, memory: usize) -> Sizes {
+        let width = usize::from(self.config.width);
+        let inputs = usize::from(self.memory.unwrap_or(0));
+        Sizes {
+            width,
+            inputs: if inputs > width { inputs } else { width },
+            outputs: width,
+            hidden: usize::from(self.config.hidden),
+            head: self.heads().width,
+            keys: if memory > rows { memory } else { rows },
+        }
+    }
+
+    /// Multiply-accumulates of a pass over `rows` rows with `memory` rows of memory, without reading the memory.
+    #[must_use]
+    pub fn macs(&self, rows: usize, memory: usize) -> u64 {
+        let each = self.blocks().next().map_or(0, |block| block.macs(self.heads(), rows, memory));
+        u64::from(self.config.layers) * rows as u64 * each
+    }
+
+    /// Multiply-accumulates of reading `memory` rows of memory in all blocks.
+    #[must_use]
+    pub fn memory_macs(&self, memory: usize) -> u64 {
+        let each = self.blocks().next().map_or(0, |block| block.memory_macs());
+        u64::from(self.config.layers) * memory as u64 * each
+    }
+}
+
+/// Refuses a bound that is not below `limit`, naming the tensor.
+pub(crate) fn below(bound: f32, limit: f32, index: u16) -> Result<f32, Error> {
+    if bound < limit { Ok(bound) } else { Err(Error::Unbounded { index }) }
+}

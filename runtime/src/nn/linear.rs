@@ -1,0 +1,104 @@
+//! Fully connected layer, int8 weights, int16 rows (DESIGN section 4).
+//!
+//! `y[r][n] = (sx[r] * sum_k q[r][k] w[n][k]) * s[n] + b[n]`; the sum is int32.
+
+use super::conv1d::{BLOCK, Rows, larger, row_bound, weight_norm};
+use crate::blob::{Error, Tensors};
+use crate::kernels::linear_s16s8;
+
+/// A linear layer in flash.
+#[derive(Debug, Clone, Copy)]
+pub struct Linear<'a> {
+    /// Input channels `K`.
+    inputs: usize,
+    /// Output channels `N`.
+    outputs: usize,
+    /// `[N][K]`
+    weights: &'a [i8],
+    /// `[N]`
+    scales: &'a [f32],
+    /// `[N]`
+    biases: &'a [f32],
+}
+
+impl<'a> Linear<'a> {
+    /// Reads weights, scales and biases from the next tensors.
+    ///
+    /// # Errors
+    /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
+    pub fn open(tensors: &mut Tensors<'a>, inputs: u16, outputs: u16) -> Result<Self, Error> {
+        Ok(Linear {
+            inputs: usize::from(inputs),
+            outputs: usize::from(outputs),
+            weights: tensors.take()?.bytes([1, outputs, inputs])?,
+            scales: tensors.take()?.scales(outputs)?,
+            biases: tensors.take()?.singles(outputs)?,
+        })
+    }
+
+    /// Input channels.
+    #[must_use]
+    pub const fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Output channels.
+    #[must_use]
+    pub const fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    /// Multiply-accumulates a row.
+    #[must_use]
+    pub const fn macs(&self) -> u64 {
+        (self.inputs * self.outputs) as u64
+    }
+
+    /// The layer of `count` outputs from `first` on; none where they are out of range.
+    #[must_use]
+    pub fn part(&self, first: usize, count: usize) -> Linear<'a> {
+        let weights = self.weights.get(first * self.inputs..(first + count) * self.inputs).unwrap_or(&[]);
+        let scales = self.scales.get(first..first + count).unwrap_or(&[]);
+        let biases = self.biases.get(first..first + count).unwrap_or(&[]);
+        Linear { inputs: self.inputs, outputs: scales.len(), weights, scales, biases }
+    }
+
+    /// Weights of output `n` and their scale: `w[n][k] = q[k] * scale`.
+    #[must_use]
+    pub fn row(&self, n: usize) -> (&'a [i8], f32) {
+        let weights = self.weights.get(n * self.inputs..(n + 1) * self.inputs).unwrap_or(&[]);
+        (weights, self.scales.get(n).copied().unwrap_or(0.0))
+    }
+
+    /// A bound of `|y|` when `|x| <= input` (row norms of the weights).
+    #[must_use]
+    pub fn bound(&self, input: f32) -> f32 {
+        let mut bound = 0.0;
+        let rows = self.weights.chunks_exact(self.inputs.max(1)).zip(self.scales).zip(self.biases);
+        for ((weights, scale), bias) in rows {
+            bound = larger(bound, row_bound(weight_norm(Some(weights)) as f32, input, *scale, *bias));
+        }
+        bound
+    }
+
+    /// Largest magnitude of a weight.
+    #[must_use]
+    pub fn largest(&self) -> f32 {
+        super::embedding::largest(self.weights, self.scales, self.inputs)
+    }
+
+    /// `out [R][N]` of `x [R][K]`. `acc` has room for [`BLOCK`] `* N`.
+    pub fn forward(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
+        let width = self.outputs.max(1);
+        for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {
+            let x = x.window(block * BLOCK, BLOCK, self.inputs);
+            linear_s16s8(x.q, self.weights, self.inputs, self.outputs, acc);
+            for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
+                let constants = self.scales.iter().zip(self.biases);
+                for ((y, a), (scale, bias)) in out.iter_mut().zip(acc).zip(constants) {
+                    *y = *a as f32 * *sx * *scale + *bias;
+                }
+            }
+        }
+    }
+}

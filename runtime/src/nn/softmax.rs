@@ -1,0 +1,25 @@
+//! Softmax in f32: largest first taken off, exponentials summed in order.
+
+/// `x[i] <- exp(x[i] - max) / sum_j exp(x[j] - max)`.
+pub fn softmax(x: &mut [f32]) {
+    let sum = exponentials(x);
+    for x in x {
+        *x /= sum;
+    }
+}
+
+/// `x[i] <- exp(x[i] - max)`; returns their sum, at least 1 for finite inputs.
+pub fn exponentials(x: &mut [f32]) -> f32 {
+    let mut largest = f32::NEG_INFINITY;
+    for v in x.iter() {
+        if *v > largest {
+            largest = *v;
+        }
+    }
+    let mut sum = 0.0;
+    for v in x {
+        *v = libm::expf(*v - largest);
+        sum += *v;
+    }
+    sum
+}

@@ -1,0 +1,105 @@
+//! Words to a memory, one row a word, and a pooled vector.
+//!
+//! `x_i = embedding[w_i] + position[i]`, blocks with self-attention, `memory = LN(x)`, `pooled = mean over i`.
+
+use super::text::Vocabulary;
+use crate::blob::{Error, Tensors, TextConfig, TransformerConfig};
+use crate::nn::attention::SegmentMut;
+use crate::nn::block::{Scratch, Sizes, Stack};
+use crate::nn::embedding::Embedding;
+use crate::nn::norm::LayerNorm;
+use crate::nn::{Check, Interrupted};
+
+/// The encoder in flash.
+#[derive(Debug, Clone, Copy)]
+pub struct TextEncoder<'a> {
+    vocabulary: Vocabulary<'a>,
+    embedding: Embedding<'a>,
+    position: Embedding<'a>,
+    stack: Stack<'a>,
+    norm: LayerNorm<'a>,
+}
+
+impl<'a> TextEncoder<'a> {
+    /// Reads the encoder from the next tensors and checks that activations stay finite.
+    ///
+    /// # Errors
+    /// Any [`Error`] of a tensor or configuration value.
+    pub fn open(tensors: &mut Tensors<'a>, text: &TextConfig<'a>, config: TransformerConfig) -> Result<Self, Error> {
+        let vocabulary = Vocabulary::new(text.vocabulary);
+        let words = u16::try_from(vocabulary.len()).map_err(|_| Error::Manifest)?;
+        let embedding = Embedding::open(tensors, words, config.width)?;
+        let position = Embedding::open(tensors, text.max_words, config.width)?;
+        let stack = Stack::open(tensors, config, None)?;
+        stack.bound(embedding.bound() + position.bound(), 0.0)?;
+        let norm = LayerNorm::open(tensors, config.width, config.epsilon)?;
+        Ok(TextEncoder { vocabulary, embedding, position, stack, norm })
+    }
+
+    /// The words it knows.
+    #[must_use]
+    pub const fn vocabulary(&self) -> &Vocabulary<'a> {
+        &self.vocabulary
+    }
+
+    /// A bound of memory and pooled vector.
+    #[must_use]
+    pub fn bound(&self) -> f32 {
+        self.norm.bound()
+    }
+
+    /// Its blocks.
+    #[must_use]
+    pub const fn stack(&self) -> &Stack<'a> {
+        &self.stack
+    }
+
+    /// What a [`Scratch`] must serve for `words` words.
+    #[must_use]
+    pub fn sizes(&self, words: usize) -> Sizes {
+        self.stack.sizes(words, 0)
+    }
+
+    /// Multiply-accumulates of a text of `words` words.
+    #[must_use]
+    pub fn macs(&self, words: usize) -> u64 {
+        self.stack.macs(words, 0)
+    }
+
+    /// Encodes `words` into `memory [n][dt]` and `pooled [dt]`. `own` has room for as many rows.
+    ///
+    /// # Errors
+    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    pub fn encode(
+        &self,
+        words: &[u16],
+        memory: &mut [f32],
+        pooled: &mut [f32],
+        own: &mut SegmentMut<'_>,
+        scratch: &mut Scratch<'_>,
+        check: Check<'_>,
+    ) -> Result<(), Interrupted> {
+        let width = pooled.len().max(1);
+        for (i, (word, row)) in words.iter().zip(memory.chunks_exact_mut(width)).enumerate() {
+            row.fill(0.0);
+            self.embedding.add(usize::from(*word), row);
+            self.position.add(i, row);
+        }
+        for block in self.stack.blocks() {
+            block.forward(memory, own, None, None, scratch);
+            check()?;
+        }
+        self.norm.forward_in_place(memory);
+        pooled.fill(0.0);
+        for row in memory.chunks_exact(width) {
+            for (sum, v) in pooled.iter_mut().zip(row) {
+                *sum += *v;
+            }
+        }
+        let count = words.len() as f32;
+        for v in pooled {
+            *v /= count;
+        }
+        Ok(())
+    }
+}
