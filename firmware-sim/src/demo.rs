@@ -1,22 +1,26 @@
-//! The main job: a real motion through the embedded runtime, bent onto anchors, played by a virtual robot, checked
-//! against the reference, written to a folder.
+//! The main job: a prompt or a real motion through the embedded runtime, bent onto anchors, played by a virtual robot,
+//! checked against the reference, written to a folder.
 
 use crate::bundle;
 use crate::report::{self, Parts, Report};
 use crate::robot::{self, Recorder};
 use crate::session::{self, Outcome};
-use crate::source::{self, Source};
-use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownAnchor};
+use crate::source::{self, Content, Source};
+use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownAnchor, ShownPlan, ShownStage, ShownWord};
 use anyhow::{Context, bail};
 use clap::Args;
 use motionette::motion::skeleton::{NAMES, PARENTS};
+use motionette::perception::text::{UNKNOWN, Words};
+use motionette::planning::{Length, Planning};
 use motionette::refining::{Activity, Basis, Config};
+use motionette::{Model, Request};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob_file::BlobFile;
-use motionette_host::checkpoint::{self, TokenizerCheckpoint};
+use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};
 use motionette_host::convert::AlignedBlob;
 use motionette_host::motion::Pose;
-use motionette_host::reference::Road;
+use motionette_host::reference::{Prior, Road};
+use motionette_host::verify::planner::{self, Case};
 use motionette_host::{anchors_file, export, output};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -24,33 +28,48 @@ use std::time::Instant;
 /// The robot's loop runs at 1 kHz.
 const TICK_MICROSECONDS: u64 = 1_000;
 
-/// Real motion through the runtime, bent onto anchors, checked against the reference, written to a folder.
+/// Text or a real motion through the runtime, bent onto anchors, checked against the reference, written to a folder.
 ///
-/// Example: motionette-sim --bvh dance.bvh --anchors anchors.json --refinement fast:40
+/// Example: motionette-sim --text "a tired person waves the right hand" --seconds 5 --anchors anchors.json
 #[derive(Debug, Args)]
 pub struct Cmd {
-    /// A bundled motion by name (see --list); the first one if nothing is said.
+    /// What the body is to do, in words. If nothing is said: a prompt and anchors that come with the simulator.
+    #[arg(long, value_name = "PROMPT", conflicts_with_all = ["clip", "bvh"])]
+    text: Option<String>,
+    /// Length of the motion; as the prompt suggests if nothing is said.
+    #[arg(long, value_name = "S", value_parser = seconds, conflicts_with_all = ["clip", "bvh"])]
+    seconds: Option<f64>,
+    /// Steps of the planner.
+    #[arg(long, default_value_t = Planning::DEFAULT.steps)]
+    steps: u16,
+    /// How strongly the prompt guides; 1 is off and halves the planner's work.
+    #[arg(long, default_value_t = Planning::DEFAULT.guidance)]
+    guidance: f32,
+    /// A bundled recorded motion by name (see --list) instead of a prompt.
     #[arg(long, value_name = "NAME", conflicts_with = "bvh")]
     clip: Option<String>,
-    /// Your own recording; it is encoded first.
+    /// Your own recording instead of a prompt; it is encoded first.
     #[arg(long, value_name = "FILE")]
     bvh: Option<PathBuf>,
-    /// Anchors (docs/anchors.md); the bundled ones, or none for a recording, if nothing is said.
+    /// Anchors (docs/anchors.md); none, or those of a bundled motion, if nothing is said.
     #[arg(long, value_name = "FILE.json")]
     anchors: Option<PathBuf>,
     /// off, fast:N (N decoder evaluations), rs100, rs200, rs500 (RouteSolver as published), or rs200 with an ablation:
     /// rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled.
     #[arg(long, default_value = "fast:20", value_parser = refinement)]
     refinement: Refinement,
-    /// Seed of the shuffled-activity ablation.
+    /// Seed of the planner, and of the shuffled-activity ablation.
     #[arg(long, default_value_t = 1)]
-    seed: u32,
+    seed: u64,
     /// Another model than the built-in one.
     #[arg(long, value_name = "FILE")]
     blob: Option<PathBuf>,
     /// The unquantised checkpoint of the model; models/nano.safetensors of this project if nothing is said.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
+    /// The unquantised checkpoint of text encoder and planner; models/nano.prior.safetensors of this project if nothing is said.
+    #[arg(long, value_name = "FILE")]
+    prior: Option<PathBuf>,
     /// Folder for the results.
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
@@ -60,6 +79,11 @@ pub struct Cmd {
     /// Print one machine-readable object on the last line of standard output.
     #[arg(long)]
     json: bool,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let found = text.parse().ok().filter(|s: &f64| *s > 0.0 && *s <= 3600.0);
+    found.ok_or_else(|| format!("{text:?} is no length: write seconds above 0, e.g. 4.5"))
 }
 
 /// How anchors are met.
@@ -116,25 +140,30 @@ impl Cmd {
         };
         motionette_host::verify::check_same_model(&blob, &checkpoint)?;
         let model = blob.model()?;
-        let mut source = match &self.bvh {
-            Some(path) => source::recording(path, &checkpoint, model.max_tokens())?,
-            None => source::bundled(self.clip.as_deref())?,
-        };
-        let frames = source.tokens.len() / model.codebooks().quantizers() * model.frames_per_token();
-        if let Some(path) = &self.anchors {
-            source.anchors = anchors_file::read(path)?;
-            anchors_file::check(&source.anchors, frames).with_context(|| format!("{}", path.display()))?;
-        }
+        let source = self.source(&checkpoint, &model)?;
 
         say(&format!("{}: {}", source.name, source.caption));
         for note in &source.notes {
             say(&format!("  {note}"));
         }
-        let config = self.refinement.0.map(|config| Config { seed: self.seed, ..config });
+        let config = self.refinement.0.map(|config| Config { seed: self.seed as u32, ..config });
         let bar = motionette_host::cli::bar(u64::from(config.map_or(0, |c| c.evaluations)), "decoder evaluations");
-        let before = session::run(&model, &session::request(&source.tokens, &[], None), |_| ())?;
-        let after = session::run(&model, &session::request(&source.tokens, &source.anchors, config), |_| ())?;
+        let request = match &source.content {
+            Content::Tokens(tokens) => Request::tokens(tokens),
+            Content::Prompt(text) => Request::text(text).planned(self.planning(&model)),
+        };
+        let after = session::run(&model, &session::through(request, &source.anchors, config), |_| ())
+            .with_context(|| self.hint(&source))?;
+        // Without anchors nothing is bent; with them the same tokens are decoded as they are.
+        let before = match after.refinement {
+            None => after.clone(),
+            Some(_) => session::run(&model, &Request::tokens(&after.tokens), |_| ())?,
+        };
         bar.finish_and_clear();
+        let plan = match &source.content {
+            Content::Tokens(_) => None,
+            Content::Prompt(text) => Some(self.compare_planners(text, &blob, &checkpoint, &after)?),
+        };
 
         let started = Instant::now();
         let reference = Road::<f32>::new(&checkpoint)?.forward(&after.u).joints;
@@ -148,7 +177,10 @@ impl Cmd {
         let report = Report::from(&Parts {
             clip: &source.name,
             caption: &source.caption,
-            tokens: source.tokens.len() / model.codebooks().quantizers(),
+            tokens: after.tokens.len() / model.codebooks().quantizers().max(1),
+            prompt: plan.as_ref().map(|_| source.caption.as_str()),
+            unknown_words: plan.as_ref().map_or_else(Vec::new, Compared::unknown),
+            planner_token_agreement: plan.as_ref().map(|plan| plan.agreement),
             anchors: &source.anchors,
             before: &before,
             after: &after,
@@ -160,7 +192,7 @@ impl Cmd {
         for (label, value) in report.lines() {
             say(&format!("  {label:28}{value}"));
         }
-        self.write(&source, &before, &after, &reference, &report)?;
+        self.write(&Results { source: &source, before: &before, after: &after, plan: plan.as_ref() }, &reference, &report)?;
         say(&format!("  results                     {}", self.out.join("viewer.html").display()));
         if self.json {
             say(&serde_json::to_string(&report)?);
@@ -168,27 +200,110 @@ impl Cmd {
         Ok(())
     }
 
-    /// The checkpoint that the reference runs from.
-    fn checkpoint(&self) -> anyhow::Result<TokenizerCheckpoint> {
-        let path = self.checkpoint.clone().unwrap_or_else(|| {
+    /// What the request is made from, its anchors checked.
+    fn source(&self, checkpoint: &TokenizerCheckpoint, model: &Model<'_>) -> anyhow::Result<Source> {
+        let mut source = match (&self.text, &self.bvh, &self.clip) {
+            (Some(text), _, _) => source::prompt(text),
+            (None, Some(path), _) => source::recording(path, checkpoint, model.max_tokens())?,
+            (None, None, Some(name)) => source::bundled(Some(name))?,
+            (None, None, None) => source::default_job(),
+        };
+        if let Some(path) = &self.anchors {
+            source.anchors = anchors_file::read(path)?;
+            let numbers = model.codebooks().quantizers().max(1);
+            let tokens = match (&source.content, self.seconds) {
+                (Content::Tokens(tokens), _) => tokens.len() / numbers,
+                // Longer than its anchors need if the prompt suggests it.
+                (Content::Prompt(_), None) => model.max_tokens(),
+                (Content::Prompt(_), Some(s)) => self.frames(s, model).div_ceil(model.frames_per_token().max(1)),
+            };
+            anchors_file::check(&source.anchors, tokens * model.frames_per_token())
+                .with_context(|| format!("{}", path.display()))?;
+        }
+        Ok(source)
+    }
+
+    fn frames(&self, seconds: f64, model: &Model<'_>) -> usize {
+        (seconds * f64::from(model.frame_rate())).round() as usize
+    }
+
+    fn planning(&self, model: &Model<'_>) -> Planning<'static> {
+        let default = if self.text.is_none() && self.anchors.is_none() { Some(5.0) } else { None };
+        let length = match self.seconds.or(default) {
+            Some(s) => Length::Frames(self.frames(s, model).try_into().unwrap_or(u16::MAX)),
+            None => Length::Predicted,
+        };
+        Planning { length, seed: self.seed, steps: self.steps, guidance: self.guidance, ..Planning::DEFAULT }
+    }
+
+    /// What may have been wrong with a request that the runtime refused.
+    fn hint(&self, source: &Source) -> String {
+        match source.content {
+            Content::Prompt(_) => {
+                "the runtime refused the request (`motionette inspect` lists the words that a model knows)".into()
+            }
+            Content::Tokens(_) => "the runtime refused the request".into(),
+        }
+    }
+
+    /// A file of the project's models, or the one that was given.
+    fn model_file(given: Option<&PathBuf>, name: &str) -> PathBuf {
+        given.cloned().unwrap_or_else(|| {
             // `cargo run` says where the package is; a binary on its own looks in the current folder.
             let root =
                 std::env::var_os("CARGO_MANIFEST_DIR").map_or_else(PathBuf::new, |dir| PathBuf::from(dir).join(".."));
-            root.join("models/nano.safetensors")
-        });
+            root.join("models").join(name)
+        })
+    }
+
+    /// The checkpoint that the reference runs from.
+    fn checkpoint(&self) -> anyhow::Result<TokenizerCheckpoint> {
+        let path = Self::model_file(self.checkpoint.as_ref(), "nano.safetensors");
         checkpoint::load(&path).with_context(|| {
             "the reference needs the model's unquantised checkpoint: run from the project's folder or give --checkpoint"
         })
     }
 
-    fn write(
+    /// Asks the reference what it would have proposed in the runtime's place, at every step.
+    fn compare_planners(
         &self,
-        source: &Source,
-        before: &Outcome,
+        prompt: &str,
+        blob: &BlobFile,
+        tokenizer: &TokenizerCheckpoint,
         after: &Outcome,
-        reference: &[Pose],
-        report: &Report,
-    ) -> anyhow::Result<()> {
+    ) -> anyhow::Result<Compared> {
+        let path = Self::model_file(self.prior.as_ref(), "nano.prior.safetensors");
+        let checkpoint: PriorCheckpoint = checkpoint::prior::load(&path).with_context(|| {
+            "the reference needs the unquantised checkpoint of text encoder and planner: run from the project's folder or give --prior"
+        })?;
+        motionette_host::verify::check_same_prior(blob, &checkpoint)?;
+        let prior = Prior::<f32>::new(&checkpoint, tokenizer);
+        let read = prior.text.read(prompt)?;
+        let case = Case { id: "prompt".into(), prompt: prompt.to_owned(), words: read.ids, tokens: after.tokens.clone() };
+        let steps = after.steps.len().max(1);
+        let (mut same, mut positions) = (0, 0);
+        for (k, tokens) in after.steps.iter().take(steps - 1).enumerate() {
+            let time = (k + 1) as f64 / steps as f64;
+            let expected = prior.logits(&prior.guided(&case.words, 1.0), tokens, time, &[]);
+            let found = planner::logits(blob, &case, tokens, time)?;
+            let codes = expected.len() / tokens.len().max(1);
+            for (a, b) in expected.chunks_exact(codes.max(1)).zip(found.chunks_exact(codes.max(1))) {
+                same += usize::from(largest(a) == largest(b));
+                positions += 1;
+            }
+        }
+        let model = blob.model()?;
+        let words = Words::new(prompt)
+            .map(|word| {
+                let known = model.text().is_some_and(|text| text.vocabulary().id(&word) != UNKNOWN);
+                ShownWord { text: word.as_str().to_owned(), known }
+            })
+            .collect();
+        Ok(Compared { words, agreement: same as f64 / f64::from(positions.max(1)) })
+    }
+
+    fn write(&self, results: &Results<'_>, reference: &[Pose], report: &Report) -> anyhow::Result<()> {
+        let Results { source, before, after, plan } = *results;
         std::fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot make the folder {}; give another one with --out", self.out.display()))?;
         let frame_time = 1.0 / 20.0;
@@ -220,6 +335,9 @@ impl Cmd {
             caption: source.caption.clone(),
             fps: 20,
             frames: after.joints.len(),
+            frames_per_token: after.joints.len() / report.tokens.max(1),
+            plan: plan.map(|plan| ShownPlan { words: plan.words.clone(), steps: after.steps.clone(), fixed: Vec::new() }),
+            stages: stages(after),
             joint_names: NAMES.to_vec(),
             parents: PARENTS.to_vec(),
             motions,
@@ -237,6 +355,49 @@ impl Cmd {
         output::write_atomic(self.out.join("summary.json"), |file| writeln!(file, "{json}"))?;
         Ok(())
     }
+}
+
+/// What a run gave.
+#[derive(Clone, Copy)]
+struct Results<'r> {
+    source: &'r Source,
+    before: &'r Outcome,
+    after: &'r Outcome,
+    plan: Option<&'r Compared>,
+}
+
+/// A prompt as the model read it, and how the planner compares with the reference.
+struct Compared {
+    words: Vec<ShownWord>,
+    agreement: f64,
+}
+
+impl Compared {
+    /// Words that the model does not know.
+    fn unknown(&self) -> Vec<String> {
+        self.words.iter().filter(|word| !word.known).map(|word| word.text.clone()).collect()
+    }
+}
+
+/// Place of the largest value, the first of several.
+fn largest(values: &[f32]) -> usize {
+    values.iter().enumerate().fold(0, |best, (i, v)| if *v > values[best] { i } else { best })
+}
+
+/// Work and time of each stage.
+fn stages(after: &Outcome) -> Vec<ShownStage> {
+    let plan = &after.plan;
+    let milliseconds = |time: std::time::Duration| time.as_secs_f64() * 1e3;
+    let refining = plan.macs - plan.planning_macs - plan.decoding_macs;
+    [
+        ("text and planning", plan.planning_macs, after.planning),
+        ("refinement", refining, after.refining),
+        ("decoding", plan.decoding_macs, after.decoding),
+    ]
+    .into_iter()
+    .filter(|(_, macs, _)| *macs > 0)
+    .map(|(label, macs, time)| ShownStage { label, macs, milliseconds: milliseconds(time) })
+    .collect()
 }
 
 /// Best control error so far after each decoder evaluation.

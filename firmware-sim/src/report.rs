@@ -7,6 +7,10 @@ use motionette_host::metrics;
 use motionette_host::motion::Pose;
 use serde::Serialize;
 
+/// Instructions a multiply-accumulate costs on a Cortex-M4 or M7 over whole requests, all other work included: those of the
+/// digital twin's requests, counted in the emulator, by the multiply-accumulates that the plan says they take at most.
+pub const INSTRUCTIONS_PER_MAC: f64 = 4.0;
+
 /// Figures of one run. Names are stable: `--json` prints this.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
@@ -18,6 +22,15 @@ pub struct Report {
     pub frames: usize,
     /// Tokens.
     pub tokens: usize,
+    /// The prompt; null when tokens were given.
+    pub prompt: Option<String>,
+    /// Words of the prompt that the model does not know.
+    pub unknown_words: Vec<String>,
+    /// Steps of the planner.
+    pub planner_steps: usize,
+    /// Share of positions, over all steps, at which runtime and f32 reference find the same token most probable, given the
+    /// same tokens; null when tokens were given.
+    pub planner_token_agreement: Option<f64>,
     /// Anchors.
     pub anchors: usize,
     /// Mean distance from the anchors without refinement, centimetres.
@@ -54,6 +67,10 @@ pub struct Report {
     pub blob_bytes: usize,
     /// Multiply-accumulates at most.
     pub macs: u64,
+    /// Instructions of a Cortex-M4 or M7 for that, at [`INSTRUCTIONS_PER_MAC`].
+    pub instructions_estimate: u64,
+    /// Milliseconds on this machine in text encoder and planner.
+    pub planning_ms: f64,
     /// Milliseconds on this machine in the solver.
     pub refining_ms: f64,
     /// Milliseconds in the final decoding.
@@ -96,6 +113,17 @@ impl Report {
             "motion",
             format!("{} tokens, {} frames, {:.2} s", self.tokens, self.frames, self.frames as f64 / 20.0),
         )];
+        if let Some(prompt) = &self.prompt {
+            lines.push(line("prompt", prompt.clone()));
+            if !self.unknown_words.is_empty() {
+                lines.push(line("unknown words", self.unknown_words.join(", ")));
+            }
+            let agreement = 100.0 * self.planner_token_agreement.unwrap_or(f64::NAN);
+            lines.push(line(
+                "planner",
+                format!("{} steps, {agreement:.1} % of tokens proposed as by the reference", self.planner_steps),
+            ));
+        }
         if self.anchors > 0 {
             let (before, after) = (self.control_error_before_cm, self.control_error_after_cm);
             lines.push(line(
@@ -115,11 +143,18 @@ impl Report {
         let (arena, touched) = (self.arena_bytes, self.arena_high_water_bytes);
         lines.push(line("arena", format!("{arena} bytes planned, {touched} touched")));
         lines.push(line("RAM in all, blob", format!("{} bytes, {} bytes", self.ram_bytes, self.blob_bytes)));
-        lines.push(line("work", format!("at most {:.0} M multiply-accumulates", self.macs as f64 / 1e6)));
-        let times = (self.refining_ms, self.decoding_ms, self.reference_ms);
+        let work = (self.macs as f64 / 1e6, self.instructions_estimate as f64 / 1e9);
+        lines.push(line(
+            "work",
+            format!("at most {:.0} M multiply-accumulates, about {:.1} G instructions of a Cortex-M7", work.0, work.1),
+        ));
+        let times = (self.planning_ms, self.refining_ms, self.decoding_ms, self.reference_ms);
         lines.push(line(
             "time here",
-            format!("refining {:.0} ms, decoding {:.0} ms, reference {:.0} ms", times.0, times.1, times.2),
+            format!(
+                "planning {:.0} ms, refining {:.0} ms, decoding {:.0} ms, reference {:.0} ms",
+                times.0, times.1, times.2, times.3
+            ),
         ));
         lines.push(line("robot loop", format!("{} frames shown, {} late", self.frames_shown, self.frames_late)));
         lines.push(line("motion hash", self.motion_hash.clone()));
@@ -152,6 +187,12 @@ pub struct Parts<'p> {
     pub caption: &'p str,
     /// Tokens, positions.
     pub tokens: usize,
+    /// The prompt, if there was one.
+    pub prompt: Option<&'p str>,
+    /// Its words that the model does not know.
+    pub unknown_words: Vec<String>,
+    /// How often the planner proposes what the reference proposes.
+    pub planner_token_agreement: Option<f64>,
     /// The anchors.
     pub anchors: &'p [Anchor],
     /// The run without refinement.
@@ -178,6 +219,10 @@ impl From<&Parts<'_>> for Report {
             caption: parts.caption.to_owned(),
             frames: after.joints.len(),
             tokens: parts.tokens,
+            prompt: parts.prompt.map(str::to_owned),
+            unknown_words: parts.unknown_words.clone(),
+            planner_steps: after.steps.len(),
+            planner_token_agreement: parts.planner_token_agreement,
             anchors: parts.anchors.len(),
             control_error_before_cm: error(&before.joints),
             control_error_after_cm: error(&after.joints),
@@ -196,6 +241,8 @@ impl From<&Parts<'_>> for Report {
             ram_bytes: session::ram_bytes(&after.plan),
             blob_bytes: parts.blob_bytes,
             macs: after.plan.macs,
+            instructions_estimate: (after.plan.macs as f64 * INSTRUCTIONS_PER_MAC) as u64,
+            planning_ms: milliseconds(after.planning),
             refining_ms: milliseconds(after.refining),
             decoding_ms: milliseconds(after.decoding),
             reference_ms: parts.reference_ms,

@@ -10,7 +10,10 @@ const PAINT: u8 = 0xC3;
 #[derive(Debug, Clone)]
 pub struct Watch {
     started: Instant,
+    refining: Option<Instant>,
     decoding: Option<Instant>,
+    /// Tokens after each planner step.
+    pub steps: Vec<Vec<u16>>,
     /// Mean control error of each decoder evaluation, metres, in order.
     pub errors: Vec<f32>,
     report: fn(&Progress),
@@ -19,11 +22,20 @@ pub struct Watch {
 impl Observer for Watch {
     fn progress(&mut self, progress: Progress) -> motionette::Flow {
         (self.report)(&progress);
-        if progress.stage == Stage::Decoding && self.decoding.is_none() {
-            self.decoding = Some(Instant::now());
+        let begun = match progress.stage {
+            Stage::Reading | Stage::Planning => None,
+            Stage::Refining => Some(&mut self.refining),
+            Stage::Decoding => Some(&mut self.decoding),
+        };
+        if let Some(begun) = begun {
+            begun.get_or_insert_with(Instant::now);
         }
         self.errors.extend(progress.control_error);
         motionette::Flow::Continue
+    }
+
+    fn tokens(&mut self, _step: u16, tokens: &[u16]) {
+        self.steps.push(tokens.to_vec());
     }
 }
 
@@ -34,10 +46,18 @@ pub struct Outcome {
     pub joints: Vec<[[f32; 3]; JOINTS]>,
     /// Token embeddings `[L][du]`.
     pub u: Vec<f32>,
+    /// Motion tokens `[L][Q]`.
+    pub tokens: Vec<u16>,
+    /// Tokens after each planner step; empty when they were given.
+    pub steps: Vec<Vec<u16>>,
+    /// Words of the prompt that the model does not know.
+    pub unknown_words: u16,
     /// What the refinement did; `None` without one.
     pub refinement: Option<motionette::refining::Report>,
     /// Mean control error of each decoder evaluation, metres, in order.
     pub errors: Vec<f32>,
+    /// Time in text encoder and planner.
+    pub planning: Duration,
     /// Time in the solver.
     pub refining: Duration,
     /// Time in the final decoding.
@@ -60,18 +80,23 @@ pub fn run(model: &Model<'_>, request: &Request<'_>, report: fn(&Progress)) -> R
     // Words, so that the first byte is aligned; the guard shows whether the plan was exceeded.
     let mut words = vec![u128::from_ne_bytes([PAINT; 16]); plan.arena_bytes.div_ceil(16) + 64];
     let started = Instant::now();
-    let mut watch = Watch { started, decoding: None, errors: Vec::new(), report };
+    let mut watch = Watch { started, refining: None, decoding: None, steps: Vec::new(), errors: Vec::new(), report };
     let mut outcome = {
         let mut generator = Generator::new(model.clone(), bytemuck::cast_slice_mut(&mut words))?;
         let motion: Motion<'_> = generator.generate(request, &mut watch)?;
         let ended = Instant::now();
         let decoding = watch.decoding.unwrap_or(ended);
+        let refining = watch.refining.unwrap_or(decoding);
         Outcome {
             joints: motion.frames().to_vec(),
             u: motion.u().to_vec(),
+            tokens: motion.tokens().to_vec(),
+            steps: watch.steps,
+            unknown_words: motion.unknown_words(),
             refinement: motion.refinement,
             errors: watch.errors,
-            refining: decoding - watch.started,
+            planning: refining - watch.started,
+            refining: decoding - refining,
             decoding: ended - decoding,
             plan,
             high_water: 0,
@@ -95,14 +120,13 @@ pub fn distance(u: &[f32], u0: &[f32]) -> f64 {
     u.iter().zip(u0).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>().sqrt()
 }
 
-/// The request of `tokens` through `anchors` with `refinement`; without anchors, as it is.
+/// `request` through `anchors` with `refinement`; without anchors, as it is.
 #[must_use]
-pub fn request<'r>(
-    tokens: &'r [u16],
+pub fn through<'r>(
+    request: Request<'r>,
     anchors: &'r [Anchor],
     refinement: Option<motionette::refining::Config>,
 ) -> Request<'r> {
-    let request = Request::tokens(tokens);
     match refinement {
         Some(config) if !anchors.is_empty() => request.through(anchors).refined(config),
         _ => request,

@@ -1,4 +1,4 @@
-//! Where a request's tokens come from: the bundle, or the user's BVH file through the reference encoder.
+//! What a request is made from: a prompt, a bundled token sequence, or the user's BVH file through the reference encoder.
 
 use crate::bundle::Bundle;
 use anyhow::Context;
@@ -10,6 +10,15 @@ use motionette_host::reference::Tokenizer;
 use motionette_host::verify::runtime_token;
 use std::path::Path;
 
+/// What the motion comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Content {
+    /// Words; the runtime plans the tokens.
+    Prompt(String),
+    /// Motion tokens `[L][Q]`.
+    Tokens(Vec<u16>),
+}
+
 /// A motion to run.
 #[derive(Debug, Clone)]
 pub struct Source {
@@ -17,14 +26,43 @@ pub struct Source {
     pub name: String,
     /// What it shows.
     pub caption: String,
-    /// Motion tokens `[L][Q]`.
-    pub tokens: Vec<u16>,
+    /// What it comes from.
+    pub content: Content,
     /// Anchors that come with it.
     pub anchors: Vec<Anchor>,
     /// The recording itself, where there is one.
     pub recorded: Option<Vec<Pose>>,
     /// What the user should know about how it was read.
     pub notes: Vec<String>,
+}
+
+/// What is made when nothing is said.
+pub const DEFAULT_PROMPT: &str = "a tired person waves the right hand";
+
+/// A prompt, without anchors.
+#[must_use]
+pub fn prompt(text: &str) -> Source {
+    Source {
+        name: "text".into(),
+        caption: text.to_owned(),
+        content: Content::Prompt(text.to_owned()),
+        anchors: Vec::new(),
+        recorded: None,
+        notes: Vec::new(),
+    }
+}
+
+/// The motion of the default job: the default prompt, drawn towards two places by the root and two by the right hand.
+#[must_use]
+pub fn default_job() -> Source {
+    const RIGHT_WRIST: u8 = 21;
+    let anchors = vec![
+        Anchor::root(30, [0.0, 0.9, 0.1]),
+        Anchor::joint(45, RIGHT_WRIST, [-0.45, 1.35, 0.35]),
+        Anchor::joint(75, RIGHT_WRIST, [-0.25, 1.5, 0.4]),
+        Anchor::root(99, [0.2, 0.9, 0.3]),
+    ];
+    Source { anchors, ..prompt(DEFAULT_PROMPT) }
 }
 
 /// A bundled clip.
@@ -37,7 +75,7 @@ pub fn bundled(id: Option<&str>) -> anyhow::Result<Source> {
     Ok(Source {
         name: clip.id.clone(),
         caption: clip.caption.clone(),
-        tokens: clip.tokens.clone(),
+        content: Content::Tokens(clip.tokens.clone()),
         anchors: clip.anchors()?,
         recorded: None,
         notes: Vec::new(),
@@ -66,7 +104,7 @@ pub fn recording(path: &Path, checkpoint: &TokenizerCheckpoint, max_tokens: usiz
     Ok(Source {
         caption: format!("recorded in {}", path.file_name().unwrap_or_default().to_string_lossy()),
         name,
-        tokens: ids.into_iter().map(runtime_token).collect(),
+        content: Content::Tokens(ids.into_iter().map(runtime_token).collect()),
         anchors: Vec::new(),
         recorded: Some(processed.joints[..frames].to_vec()),
         notes,

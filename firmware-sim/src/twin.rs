@@ -3,12 +3,13 @@
 //! The bare-metal image includes this very file, so it uses nothing but `core` and the runtime, and no memory of its own
 //! beyond a few hundred bytes of stack.
 //!
-//! A request decodes a token sequence (drawn at random or cut from a recorded motion), reads joint positions from the
-//! result, moves them by a seeded offset, and asks for a motion that passes through them. All families of anchors, both
-//! solvers and their ablations, lengths from one token to the model's limit take part.
+//! A request plans tokens from a prompt (or takes them at random or from a recorded motion), decodes them, reads joint
+//! positions from the result, moves them by a seeded offset, and asks for a motion that passes through them. Every way to
+//! sample, all families of anchors, both solvers and their ablations, lengths from one token to the model's limit take part.
 
 use motionette::hash::{Fnv, Stream};
 use motionette::refining::{Activity, Basis, Config};
+use motionette::planning::{Fixed, Length, Planning, Sampling, Schedule};
 use motionette::{Anchor, Error, Generator, JOINTS, Request};
 
 /// Requests of a run.
@@ -26,6 +27,7 @@ const REACH: f32 = 0.3;
 /// What a request is made of, before its anchors are placed.
 #[derive(Debug, Clone, Copy)]
 struct Shape {
+    from: From,
     /// Positions; cut to what the model allows.
     positions: u16,
     anchors: Anchors,
@@ -45,38 +47,77 @@ enum Anchors {
     Standard,
 }
 
-/// The requests. Decoder evaluations are few but in the last, so that an emulated core is done within a minute.
+/// What the tokens come from.
+#[derive(Debug, Clone, Copy)]
+enum From {
+    /// Drawn at random.
+    Drawn,
+    /// A recorded motion.
+    Recorded,
+    /// Planned from a prompt.
+    Text(&'static str, Plan),
+}
+
+/// How tokens are planned.
+#[derive(Debug, Clone, Copy)]
+struct Plan {
+    steps: u16,
+    guidance: f32,
+    schedule: Schedule,
+    sampling: Sampling,
+    /// The first and the last token are given.
+    ends_fixed: bool,
+    /// The window lies in the middle of a motion.
+    open: bool,
+}
+
+/// The requests. Steps and decoder evaluations are few but in the last, so that an emulated core is done within minutes.
 fn shape(index: usize) -> Shape {
     use Anchors::{Joint, Mixed, None, PlanarRoot, Root, Standard};
+    use From::{Drawn, Recorded, Text};
+    use Sampling::{Greedy, Gumbel, Sample};
     let fast = Config::fast;
     let published = |evaluations, basis, activity| Config { basis, activity, ..Config::published(evaluations) };
-    let (positions, anchors, refinement) = match index {
-        0 => (1, None, fast(0)),
-        1 => (1, Root(1), fast(4)),
-        2 => (2, PlanarRoot(2), fast(4)),
-        3 => (3, Joint(2), fast(6)),
-        4 => (49, None, fast(0)),
-        5 => (12, Root(2), fast(6)),
-        6 => (13, PlanarRoot(3), fast(6)),
-        7 => (14, Joint(3), fast(6)),
-        8 => (17, Mixed(4), fast(6)),
-        9 => (9, Mixed(12), fast(8)),
-        10 => (10, Root(3), published(4, Basis::Affine, Activity::Residual)),
-        11 => (11, PlanarRoot(2), published(3, Basis::Plain, Activity::Residual)),
-        12 => (12, Joint(4), published(3, Basis::Transport, Activity::Uniform)),
-        13 => (13, Mixed(5), published(3, Basis::Slope, Activity::Shuffled)),
-        14 => (16, Root(5), published(3, Basis::Quadratic, Activity::Residual)),
-        15 => (21, Joint(3), published(3, Basis::Cubic, Activity::Residual)),
-        16 => (7, Joint(1), Config { feasibility: 1.0, ..fast(5) }),
-        17 => (25, Mixed(8), fast(4)),
-        18 => (31, Root(4), fast(3)),
-        19 => (36, Joint(6), fast(3)),
-        20 => (44, PlanarRoot(4), fast(3)),
-        21 => (48, Mixed(7), fast(3)),
-        22 => (5, Mixed(2), fast(20)),
-        _ => (49, Standard, Config::default()),
+    let plain = Plan {
+        steps: 2,
+        guidance: 1.0,
+        schedule: Schedule::Uniform,
+        sampling: Planning::DEFAULT.sampling,
+        ends_fixed: false,
+        open: false,
     };
-    Shape { positions, anchors, refinement }
+    let guided = Plan { guidance: 2.0, ..plain };
+    let filtered = Plan { sampling: Sample { temperature: 0.8, top_k: 40, top_p: 0.9 }, ..guided };
+    let greedy = Plan { sampling: Greedy, steps: 3, ..plain };
+    let gumbel = Plan { sampling: Gumbel { temperature: 0.7 }, schedule: Schedule::Cosine, ..plain };
+    let gap = Plan { ends_fixed: true, open: true, ..guided };
+    let (from, positions, anchors, refinement) = match index {
+        0 => (Drawn, 1, None, fast(0)),
+        1 => (Text("wave", plain), 1, Root(1), fast(4)),
+        2 => (Text("A person walks forward.", guided), 2, PlanarRoot(2), fast(4)),
+        3 => (Text("a person raises the left hand", greedy), 3, Joint(2), fast(6)),
+        4 => (Recorded, 49, None, fast(0)),
+        5 => (Text("someone RUNS straight ahead, energetically!", guided), 12, Root(2), fast(6)),
+        6 => (Text("a tired robot walks backwards", filtered), 13, PlanarRoot(3), fast(6)),
+        7 => (Text("the person lifts both hands up and lowers them", gumbel), 14, Joint(3), fast(6)),
+        8 => (Text("a figure takes a bow in a lively way", gap), 17, Mixed(4), fast(6)),
+        9 => (Drawn, 9, Mixed(12), fast(8)),
+        10 => (Text("dance", greedy), 10, Root(3), published(4, Basis::Affine, Activity::Residual)),
+        11 => (Text("a person bows", guided), 11, PlanarRoot(2), published(3, Basis::Plain, Activity::Residual)),
+        12 => (Text("a person waves goodbye", plain), 12, Joint(4), published(3, Basis::Transport, Activity::Uniform)),
+        13 => (Text("a giant walks", gumbel), 13, Mixed(5), published(3, Basis::Slope, Activity::Shuffled)),
+        14 => (Text("a shy person zorbs left", plain), 16, Root(5), published(3, Basis::Quadratic, Activity::Residual)),
+        15 => (Recorded, 21, Joint(3), published(3, Basis::Cubic, Activity::Residual)),
+        16 => (Text("punches", filtered), 7, Joint(1), Config { feasibility: 1.0, ..fast(5) }),
+        17 => (Text("a person walks and turns to the right", gap), 25, Mixed(8), fast(4)),
+        18 => (Text("an old person walks ahead", plain), 31, Root(4), fast(3)),
+        19 => (Text("stands and waves with both hands", plain), 36, Joint(6), fast(3)),
+        20 => (Text("runs like a child", greedy), 44, PlanarRoot(4), fast(3)),
+        21 => (Text("a proud figure walks", plain), 48, Mixed(7), fast(3)),
+        22 => (Text("throws kicks", Plan { steps: 10, ..guided }), 5, Mixed(2), fast(20)),
+        _ => (Text("a tired person waves the right hand", Plan { steps: 10, ..guided }), 49, Standard, Config::default()),
+    };
+    Shape { from, positions, anchors, refinement }
 }
 
 /// What one request gave, on any machine.
@@ -111,23 +152,37 @@ pub fn combine(digests: &[Digest]) -> u64 {
     digests.iter().fold(Fnv::default(), |hash, d| add(add(add(hash, d.tokens), d.u), d.joints)).value()
 }
 
-/// Makes and runs request `index` of [`REQUESTS`]. `recorded` are token sequences of recorded motions; every second
-/// request takes its tokens from there when there are any that fit the model.
+/// Makes and runs request `index` of [`REQUESTS`]. `recorded` are token sequences of recorded motions.
 ///
 /// # Errors
-/// Whatever the runtime refuses; none of these requests should be.
+/// Whatever the runtime refuses; none of these requests should be, unless the model knows no text.
 pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> Result<Digest, Error> {
     let shape = shape(index);
     let mut random = Stream::new(index as u64);
     let mut tokens = [0u16; MAX_NUMBERS];
-    let tokens = draw_tokens(generator, &mut random, shape.positions, recorded_for(index, recorded), &mut tokens);
+    let tokens = draw_tokens(generator, &mut random, shape.positions, recorded_for(index, &shape, recorded), &mut tokens);
+    let first = |position: usize| Fixed { position: position as u16, token: tokens.get(position).copied().unwrap_or(0) };
+    let fixed = [first(0), first(tokens.len().saturating_sub(1))];
+    let request = match shape.from {
+        From::Drawn | From::Recorded => Request::tokens(tokens),
+        From::Text(prompt, plan) => Request::text(prompt).planned(Planning {
+            length: Length::Tokens(tokens.len() as u16),
+            seed: index as u64,
+            steps: plan.steps,
+            schedule: plan.schedule,
+            guidance: plan.guidance,
+            sampling: plan.sampling,
+            fixed: if plan.ends_fixed { &fixed } else { &[] },
+            start_open: plan.open,
+            end_open: plan.open,
+        }),
+    };
 
     let mut anchors = [Anchor::root(0, [0.0; 3]); MAX_ANCHORS];
-    let motion = generator.generate(&Request::tokens(tokens), &mut ())?;
+    let motion = generator.generate(&request, &mut ())?;
     let count = place_anchors(motion.frames(), &mut random, shape.anchors, &mut anchors);
     let anchors = anchors.get(..count).unwrap_or(&[]);
 
-    let request = Request::tokens(tokens);
     let request = if anchors.is_empty() { request } else { request.through(anchors).refined(shape.refinement) };
     let motion = generator.generate(&request, &mut ())?;
     let report = motion.refinement;
@@ -140,15 +195,19 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
         before: report.map_or(0, |r| bits(r.before)),
         after: report.map_or(0, |r| bits(r.after)),
         arena_used: motion.arena_used,
-        tokens: tokens.iter().fold(Fnv::default(), |hash, token| hash.bytes(&token.to_le_bytes())).value(),
+        tokens: motion.tokens().iter().fold(Fnv::default(), |hash, token| hash.bytes(&token.to_le_bytes())).value(),
         u: Fnv::default().singles(motion.u()).value(),
         joints: Fnv::default().singles(motion.joints()).value(),
     })
 }
 
 /// The recorded sequence for request `index`, if it takes one.
-fn recorded_for<'r>(index: usize, recorded: &[&'r [u16]]) -> Option<&'r [u16]> {
-    if index.is_multiple_of(2) { None } else { recorded.get((index / 2) % recorded.len().max(1)).copied() }
+fn recorded_for<'r>(index: usize, shape: &Shape, recorded: &[&'r [u16]]) -> Option<&'r [u16]> {
+    match shape.from {
+        From::Drawn => None,
+        // Given ends of a gap are those of a real motion.
+        From::Recorded | From::Text(..) => recorded.get((index / 2) % recorded.len().max(1)).copied(),
+    }
 }
 
 /// Fills `tokens` with as many numbers as the model allows: from `recorded`, repeated when it is shorter, or at random.

@@ -65,7 +65,7 @@ pub struct CurvePoint {
 }
 
 /// A word of the prompt.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct ShownWord {
     /// As it was written.
     pub text: String,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::Value;
 
@@ -10,13 +10,16 @@ use super::model::CheckpointFiles;
 use super::{bar, say};
 use crate::agreement::ClipAgreement;
 use crate::blob_file::BlobFile;
+use crate::checkpoint::prior;
 use crate::dataset::{Dataset, Split};
+use crate::reference::Prior;
 use crate::verify::{self, Verification};
 
 /// Clips named as the worst.
 const WORST: usize = 5;
 
-/// Decodes the same embeddings with runtime and reference and says how far apart they are, by layer and by clip.
+/// Decodes the same embeddings with runtime and reference and says how far apart they are, by layer and by clip; with a prior, gives both
+/// planners the same corrupted tokens and captions and says how often they find the same token most probable.
 ///
 /// Exits with status 1 when a budget is missed.
 ///
@@ -39,7 +42,13 @@ pub(super) struct Cmd {
     /// Clips at most, spread evenly over the split.
     #[arg(long, default_value_t = 200)]
     clips: usize,
-    /// Of these, clips on which the solvers are compared.
+    /// The prior it came from: adds the agreement of the planners.
+    #[arg(long, value_name = "FILE")]
+    prior: Option<PathBuf>,
+    /// Clips with captions on which the planners are compared, at most.
+    #[arg(long, default_value_t = 60, value_name = "CLIPS")]
+    planner: usize,
+    /// Of the clips, those on which the solvers are compared.
     #[arg(long, default_value_t = 8, value_name = "CLIPS")]
     solver: usize,
 }
@@ -62,12 +71,27 @@ impl Cmd {
         if !same {
             say("note: the blob was converted from another checkpoint file than this one (their SHA-256 differ)");
         }
+        let prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
+        if let (Some(prior), Some(path)) = (&prior, &self.prior) {
+            prior.check_tokenizer(&checkpoint).context("matching prior and tokenizer")?;
+            verify::check_same_prior(&blob, prior)?;
+            if !verify::names_checkpoint(&blob, &crate::checkpoint::file_hash(path)?)? {
+                say("note: the blob was converted from another prior file than this one (their SHA-256 differ)");
+            }
+        }
         let max_tokens = blob.model()?.max_tokens();
         let dataset = Dataset::load(&self.dataset)?;
         let sequences = verify::sequences(&checkpoint, &dataset, self.split, self.clips, max_tokens)?;
         let progress = bar(sequences.len() as u64, "clips");
-        let result = verify::verify(&blob, &checkpoint, &sequences, self.solver, || progress.inc(1))?;
+        let mut result = verify::verify(&blob, &checkpoint, &sequences, self.solver, || progress.inc(1))?;
         progress.finish_and_clear();
+        if let Some(prior) = &prior {
+            let reference = Prior::<f32>::new(prior, &checkpoint);
+            let cases = verify::planner::cases(&checkpoint, &reference, &dataset, self.split, self.planner)?;
+            let progress = bar(3 * cases.len() as u64, "planner runs");
+            result.planner = Some(verify::planner::verify(&blob, &checkpoint, prior, &cases, || progress.inc(1))?);
+            progress.finish_and_clear();
+        }
         show(&result);
         let mut report = serde_json::to_value(&result)?;
         if let Some(object) = report.as_object_mut() {
@@ -78,7 +102,12 @@ impl Cmd {
             return Ok(report);
         }
         let missed = result.budgets.iter().filter(|b| !b.met);
-        let missed = missed.map(|b| format!("{}: {:.2} mm, allowed {} mm", b.name, b.value_mm, b.limit_mm)).collect();
+        let mut missed: Vec<String> =
+            missed.map(|b| format!("{}: {:.2} mm, allowed {} mm", b.name, b.value_mm, b.limit_mm)).collect();
+        if let Some(planner) = result.planner.as_ref().filter(|p| !p.met) {
+            let (found, least) = (100.0 * planner.runtime.top1, 100.0 * planner.budget);
+            missed.push(format!("agreement of the planners: {found:.2} %, at least {least} % are wanted"));
+        }
         Err(BudgetMissed { missed, report }.into())
     }
 }
@@ -103,6 +132,26 @@ fn show(v: &Verification) {
         "  {:<38}  {:>7.3}  {:>9.3}",
         "the runtime's arithmetic", v.layers.arithmetic_mean_mm, v.layers.arithmetic_drift_mm
     ));
+    if let Some(p) = &v.planner {
+        let verdict = if p.met { "ok" } else { "MISSED" };
+        let (top1, least) = (100.0 * p.runtime.top1, 100.0 * p.budget);
+        say(&format!(
+            "\nplanners on {} clips, {} positions: same most probable token",
+            p.runtime.clips, p.runtime.positions
+        ));
+        say(&format!("  {:<46}  {top1:>7.2} %   of {least:>4} %   {verdict}", "runtime against reference"));
+        for (t, w) in p.runtime.times.iter().zip(&p.weights.times) {
+            say(&format!(
+                "  t = {:.2}: {:.2} %, divergence {:.2e} nats; its weights alone {:.2} %, {:.2e}",
+                t.time,
+                100.0 * t.top1,
+                t.divergence,
+                100.0 * w.top1,
+                w.divergence
+            ));
+        }
+        say(&format!("  left to themselves they have {:.1} % of their tokens in common", 100.0 * p.free_running));
+    }
     clips("worst clips", &a.worst(WORST));
     clips("worst drift", &a.worst_drift(WORST));
     if let Some(s) = &v.solvers {

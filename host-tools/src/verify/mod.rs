@@ -54,6 +54,17 @@ pub enum Error {
     /// The blob has no text or no planner.
     #[error("the blob has no planner; convert it with --prior")]
     NoPlanner,
+    /// The runtime refused a caption.
+    #[error("the caption of clip {clip}: {source}")]
+    Prompt {
+        /// The clip's name.
+        clip: String,
+        /// Why.
+        source: motionette::perception::prompt::PromptError,
+    },
+    /// The planner took more memory than it said.
+    #[error("the runtime's planner says: {0}")]
+    Arena(motionette::arena::ArenaTooSmall),
     /// A clip could not be encoded.
     #[error("clip {clip}: {source}")]
     Encode {
@@ -119,13 +130,15 @@ pub struct Verification {
     pub layers: layers::Report,
     /// What two solvers make of the same anchors; `None` when not asked for.
     pub solvers: Option<solvers::Report>,
+    /// Planner against planner ([`planner::verify`]); `None` without a prior.
+    pub planner: Option<planner::Report>,
 }
 
 impl Verification {
     /// Whether every budget is kept.
     #[must_use]
     pub fn passed(&self) -> bool {
-        self.budgets.iter().all(|b| b.met)
+        self.budgets.iter().all(|b| b.met) && self.planner.as_ref().is_none_or(|p| p.met)
     }
 }
 
@@ -284,7 +297,7 @@ pub fn verify(
     let layers = layers::measure(blob, checkpoint, &latents)?;
     let solvers = if solver_clips > 0 { Some(solvers::compare(blob, &road, sequences, solver_clips)?) } else { None };
     let budgets = budgets(&agreement);
-    Ok(Verification { agreement, budgets, layers, solvers })
+    Ok(Verification { agreement, budgets, layers, solvers, planner: None })
 }
 
 fn budgets(a: &Agreement) -> Vec<Budget> {

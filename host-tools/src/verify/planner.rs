@@ -4,11 +4,15 @@
 //! of every position. So two planners are compared and not two random walks; what a walk of ten steps makes of the small differences is
 //! reported apart.
 
+use motionette::arena::Arena;
 use motionette::hash::Stream;
+use motionette::perception::prompt::Prompt;
+use motionette::planning::{Limits, Planning, Session};
 use serde::Serialize;
 
 use super::Error;
-use crate::checkpoint::TokenizerCheckpoint;
+use crate::blob_file::BlobFile;
+use crate::checkpoint::{PriorCheckpoint, TokenizerCheckpoint};
 use crate::dataset::{ClipView, Dataset, Split};
 use crate::reference::tmd::Settings;
 use crate::reference::{Prior, Tokenizer};
@@ -55,6 +59,65 @@ pub struct Agreement {
     pub top1: f64,
     /// By time.
     pub times: Vec<AtTime>,
+}
+
+/// The planner against its budget.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Runtime against reference.
+    pub runtime: Agreement,
+    /// The runtime's weights in the reference's arithmetic against the reference.
+    pub weights: Agreement,
+    /// Share of equal tokens when both sample whole motions with the same random numbers; [`FREE_STEPS`] steps.
+    pub free_running: f64,
+    /// Least [`Agreement::top1`] of the runtime that is allowed.
+    pub budget: f64,
+    /// Whether it is kept.
+    pub met: bool,
+}
+
+/// Compares the runtime's planner in `blob` with the reference of `prior`. `progress` is called three times a case.
+///
+/// # Errors
+/// [`Error`].
+pub fn verify(
+    blob: &BlobFile,
+    tokenizer: &TokenizerCheckpoint,
+    prior: &PriorCheckpoint,
+    cases: &[Case],
+    progress: impl Fn() + Sync,
+) -> Result<Report, Error> {
+    super::check_same_prior(blob, prior)?;
+    let exact = Prior::<f32>::new(prior, tokenizer);
+    let rounded = Prior::<f32>::new(&blob.dequantised_prior(prior)?, tokenizer);
+    let runtime = agreement(cases, &exact, |case, z, time| logits(blob, case, z, time), &progress)?;
+    let rounded = |case: &Case, z: &[u16], time: f64| -> Result<Vec<f32>, Error> {
+        Ok(rounded.logits(&rounded.guided(&case.words, 1.0), z, time, &[]))
+    };
+    let weights = agreement(cases, &exact, rounded, &progress)?;
+    let met = runtime.top1 >= AGREEMENT_BUDGET;
+    Ok(Report { runtime, weights, free_running: 0.0, budget: AGREEMENT_BUDGET, met })
+}
+
+/// The runtime's logits `[L][V]` for a case, its tokens corrupted and the time.
+///
+/// # Errors
+/// [`Error::Blob`], [`Error::NoPlanner`], [`Error::Prompt`].
+pub fn logits(blob: &BlobFile, case: &Case, tokens: &[u16], time: f64) -> Result<Vec<f32>, Error> {
+    let model = blob.model()?;
+    let modules = model.planning().ok_or(Error::NoPlanner)?;
+    let refused = |source| Error::Prompt { clip: case.id.clone(), source };
+    let prompt = Prompt::Text(&case.prompt);
+    let planning = Planning { guidance: 1.0, ..Planning::default() };
+    let limits = Limits { words: modules.text.rows(&prompt).map_err(refused)?, steps: 1, guided: planning.guided() };
+    let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits).div_ceil(16)];
+    let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
+    let mut session = Session::new(modules, &mut arena, tokens.len(), &limits).map_err(Error::Arena)?;
+    let mut go_on = || Ok(());
+    // Nothing interrupts it.
+    let _ = session.read(&prompt, &mut go_on).map_err(refused)?;
+    let _ = session.pass(tokens, time as f32, &planning, &mut go_on);
+    Ok((0..tokens.len()).flat_map(|i| session.logits(i).to_vec()).collect())
 }
 
 /// At most `count` clips of `split` with a caption that the prior can read, spread evenly over it.
