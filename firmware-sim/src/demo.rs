@@ -295,7 +295,7 @@ impl Cmd {
         let model = blob.model()?;
         let words = Words::new(prompt)
             .map(|word| {
-                let known = model.text().is_some_and(|text| text.vocabulary().id(&word) != UNKNOWN);
+                let known = model.text().is_some_and(|text| text.encoder().is_some_and(|e| e.vocabulary().id(&word) != UNKNOWN));
                 ShownWord { text: word.as_str().to_owned(), known }
             })
             .collect();

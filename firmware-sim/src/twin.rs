@@ -27,7 +27,7 @@ const REACH: f32 = 0.3;
 /// What a request is made of, before its anchors are placed.
 #[derive(Debug, Clone, Copy)]
 struct Shape {
-    from: From,
+    from: Tokens,
     /// Positions; cut to what the model allows.
     positions: u16,
     anchors: Anchors,
@@ -49,7 +49,7 @@ enum Anchors {
 
 /// What the tokens come from.
 #[derive(Debug, Clone, Copy)]
-enum From {
+enum Tokens {
     /// Drawn at random.
     Drawn,
     /// A recorded motion.
@@ -74,7 +74,7 @@ struct Plan {
 /// The requests. Steps and decoder evaluations are few but in the last, so that an emulated core is done within minutes.
 fn shape(index: usize) -> Shape {
     use Anchors::{Joint, Mixed, None, PlanarRoot, Root, Standard};
-    use From::{Drawn, Recorded, Text};
+    use Tokens::{Drawn, Recorded, Text};
     use Sampling::{Greedy, Gumbel, Sample};
     let fast = Config::fast;
     let published = |evaluations, basis, activity| Config { basis, activity, ..Config::published(evaluations) };
@@ -164,8 +164,8 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
     let first = |position: usize| Fixed { position: position as u16, token: tokens.get(position).copied().unwrap_or(0) };
     let fixed = [first(0), first(tokens.len().saturating_sub(1))];
     let request = match shape.from {
-        From::Drawn | From::Recorded => Request::tokens(tokens),
-        From::Text(prompt, plan) => Request::text(prompt).planned(Planning {
+        Tokens::Drawn | Tokens::Recorded => Request::tokens(tokens),
+        Tokens::Text(prompt, plan) => Request::text(prompt).planned(Planning {
             length: Length::Tokens(tokens.len() as u16),
             seed: index as u64,
             steps: plan.steps,
@@ -204,9 +204,9 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
 /// The recorded sequence for request `index`, if it takes one.
 fn recorded_for<'r>(index: usize, shape: &Shape, recorded: &[&'r [u16]]) -> Option<&'r [u16]> {
     match shape.from {
-        From::Drawn => None,
+        Tokens::Drawn => None,
         // Given ends of a gap are those of a real motion.
-        From::Recorded | From::Text(..) => recorded.get((index / 2) % recorded.len().max(1)).copied(),
+        Tokens::Recorded | Tokens::Text(..) => recorded.get((index / 2) % recorded.len().max(1)).copied(),
     }
 }
 

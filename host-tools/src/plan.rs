@@ -1,6 +1,7 @@
 //! What a blob and a request need, before anything is flashed: arena, flash, work.
 
 use motionette::blob::{DType, HEADER_LEN};
+use motionette::planning;
 use motionette::refining::Config;
 use motionette::{Generator, Limits, Plan};
 use serde::Serialize;
@@ -17,6 +18,21 @@ pub struct Share {
     pub amount: u64,
 }
 
+/// The planning stage of a request.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Planning {
+    /// Words of the prompt.
+    pub words: usize,
+    /// Steps of the sampler.
+    pub steps: u16,
+    /// Whether guidance is on, which doubles the passes.
+    pub guided: bool,
+    /// Arena bytes; decoding and refinement take the same place afterwards.
+    pub bytes: usize,
+    /// Multiply-accumulates at most.
+    pub macs: u64,
+}
+
 /// Everything `motionette plan` shows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
@@ -28,6 +44,8 @@ pub struct Report {
     pub frames: usize,
     /// Anchors of the largest request.
     pub anchors: usize,
+    /// Planning of the largest request; `None` for requests that bring their tokens, or without a planner.
+    pub planning: Option<Planning>,
     /// Decoder evaluations of the solver at most.
     pub solver_evaluations: u16,
     /// Arena bytes, exactly.
@@ -53,31 +71,55 @@ pub struct Report {
     pub self_test: String,
 }
 
-/// Plans the largest request of `tokens` tokens and `anchors` anchors. `tokens` is cut to what the model allows.
+/// Plans the largest request of `tokens` tokens and `anchors` anchors. `tokens`, and the words of `planning`, are cut to what the model
+/// allows; a model without a planner plans nothing.
 ///
 /// # Errors
 /// [`Error`].
-pub fn plan(blob: &BlobFile, tokens: usize, anchors: usize, refinement: Config) -> Result<Report, Error> {
+pub fn plan(
+    blob: &BlobFile,
+    tokens: usize,
+    anchors: usize,
+    refinement: Config,
+    planning: Option<planning::Limits>,
+) -> Result<Report, Error> {
     let model = blob.model()?;
     let tokens = tokens.clamp(1, model.max_tokens());
-    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning: None });
+    let planning = planning.filter(|_| model.planning().is_some()).map(|limits| {
+        let most = model.text().map_or(1, |t| t.max_words());
+        planning::Limits { words: limits.words.clamp(1, most), ..limits }
+    });
+    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning });
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
+    let mut arena = vec![
+        share("tokens", plan.token_bytes),
+        share("decoder layers and joints", plan.decoder_bytes),
+        share("features and gradient", plan.feature_bytes),
+        share("root path and gradient", plan.path_bytes),
+        share("token embeddings", plan.embedding_bytes),
+        share("solver", plan.solver_bytes),
+    ];
+    // Planning comes first and leaves its place to everything but the tokens.
+    let rest: u64 = arena.iter().map(|s| s.amount).sum();
+    if planning.is_some() {
+        arena.push(share("planning, beyond the others", plan.arena_bytes - rest as usize));
+    }
     Ok(Report {
         model: model.card().name.to_owned(),
         tokens,
         frames: tokens * model.frames_per_token(),
         anchors,
+        planning: planning.map(|limits| Planning {
+            words: limits.words,
+            steps: limits.steps,
+            guided: limits.guided,
+            bytes: plan.planning_bytes,
+            macs: plan.planning_macs,
+        }),
         solver_evaluations: if anchors > 0 { refinement.evaluations } else { 0 },
         arena_bytes: plan.arena_bytes,
         ram_bytes: plan.arena_bytes + size_of::<Generator<'_>>(),
-        arena: vec![
-            share("tokens", plan.token_bytes),
-            share("decoder layers and joints", plan.decoder_bytes),
-            share("features and gradient", plan.feature_bytes),
-            share("root path and gradient", plan.path_bytes),
-            share("token embeddings", plan.embedding_bytes),
-            share("solver", plan.solver_bytes),
-        ],
+        arena,
         flash_bytes: blob.bytes().len(),
         flash: flash(blob)?,
         evaluations: plan.evaluations,
@@ -90,12 +132,25 @@ pub fn plan(blob: &BlobFile, tokens: usize, anchors: usize, refinement: Config) 
 
 fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
     let (header, _, _) = blob.parts()?;
-    let names =
-        ["header", "manifest", "mean and std", "codebooks", "int8 weights", "int16 weights", "scales and biases"];
-    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0];
-    for t in blob.table()? {
+    let names = [
+        "header",
+        "manifest",
+        "mean and std",
+        "codebooks",
+        "int8 weights",
+        "int16 weights",
+        "scales and biases",
+        "text encoder",
+        "stored prompts",
+        "planner",
+    ];
+    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0, 0, 0, 0];
+    for (index, t) in blob.table()?.into_iter().enumerate() {
         let section = match t.dtype {
-            DType::F32 if t.name == "mean" || t.name == "std" => 2,
+            _ if t.name.starts_with("text.") => 7,
+            _ if t.name.starts_with("bank.") => 8,
+            _ if t.name.starts_with("planner.") => 9,
+            DType::F32 if index < 2 => 2,
             DType::F16 => 3,
             DType::I8 => 4,
             DType::I16Planes => 5,
@@ -104,8 +159,12 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
         amounts[section] += t.bytes;
     }
     let padding = blob.bytes().len() - amounts.iter().sum::<usize>();
-    let mut shares: Vec<Share> =
-        names.iter().zip(amounts).map(|(n, a)| Share { name: (*n).to_owned(), amount: a as u64 }).collect();
+    let mut shares: Vec<Share> = names
+        .iter()
+        .zip(amounts)
+        .filter(|(_, amount)| *amount > 0)
+        .map(|(n, a)| Share { name: (*n).to_owned(), amount: a as u64 })
+        .collect();
     shares.push(Share { name: "alignment".to_owned(), amount: padding as u64 });
     Ok(shares)
 }
@@ -133,6 +192,18 @@ pub fn model_rs(report: &Report, blob_path: &str) -> String {
     let Report {
         model, tokens, frames, anchors, solver_evaluations, arena_bytes, flash_bytes, macs, self_test, ..
     } = report;
+    let planning = report.planning.as_ref().map_or_else(String::new, |p| {
+        let Planning { words, steps, guided, .. } = p;
+        format!(
+            r#"/// Largest request: words of the prompt.
+pub const WORDS: usize = {words};
+/// Largest request: steps of the planner.
+pub const STEPS: u16 = {steps};
+/// Largest request: whether guidance may be on.
+pub const GUIDED: bool = {guided};
+"#
+        )
+    });
     let path = blob_path.replace('\\', "/");
     format!(
         r#"// Generated by `motionette plan`; generate it again when the blob changes.
@@ -151,7 +222,7 @@ pub const FRAMES: usize = {frames};
 pub const ANCHORS: usize = {anchors};
 /// Largest request: decoder evaluations of the solver.
 pub const EVALUATIONS: u16 = {solver_evaluations};
-/// Arena bytes that such a request takes, exactly.
+{planning}/// Arena bytes that such a request takes, exactly.
 pub const ARENA_BYTES: usize = {arena_bytes};
 /// Multiply-accumulates that it takes at most.
 pub const MACS: u64 = {macs};

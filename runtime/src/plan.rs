@@ -49,6 +49,8 @@ pub struct Plan {
     pub gradients: u32,
     /// Multiply-accumulates of planning at most: text read, all steps with all their passes.
     pub planning_macs: u64,
+    /// Multiply-accumulates of the final decoding.
+    pub decoding_macs: u64,
     /// Multiply-accumulates at most, in all.
     pub macs: u64,
     /// Tokens on either side that a frame depends on.
@@ -112,6 +114,7 @@ impl Plan {
             evaluations: steps + 1,
             gradients: steps,
             planning_macs,
+            decoding_macs: whole,
             macs: planning_macs + whole + 2 * u64::from(steps) * partial,
             radius_tokens: decoder.radius_tokens(),
             latency_frames: decoder.radius_frames(),

@@ -5,6 +5,7 @@
 //! status is 1 (2 for arguments that make no sense).
 
 mod convert;
+mod generate;
 mod hint;
 mod import;
 mod inspect;
@@ -43,7 +44,8 @@ enum Command {
     Inspect(inspect::Cmd),
     Plan(plan::Cmd),
     Verify(verify::Cmd),
-    // Motion: export.
+    // Motion: generate.
+    Generate(generate::Cmd),
 }
 
 impl Command {
@@ -55,6 +57,7 @@ impl Command {
             Self::Inspect(cmd) => cmd.run(),
             Self::Plan(cmd) => cmd.run(),
             Self::Verify(cmd) => cmd.run(),
+            Self::Generate(cmd) => cmd.run(),
         }
     }
 }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
+use motionette::planning::{Limits, Planning};
 use motionette::refining::Config;
 use serde_json::Value;
 
@@ -26,6 +27,15 @@ pub(super) struct Cmd {
     /// Anchors of the largest request; 0 plans for no refinement.
     #[arg(long, default_value_t = 4)]
     anchors: usize,
+    /// Words of the longest prompt; else as many as the model takes. 0 plans for requests that bring their tokens.
+    #[arg(long)]
+    words: Option<usize>,
+    /// Steps of the planner.
+    #[arg(long, default_value_t = Planning::DEFAULT.steps, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    steps: u16,
+    /// Guidance of the planner; 1 is off and halves the work.
+    #[arg(long, default_value_t = Planning::DEFAULT.guidance)]
+    guidance: f32,
     /// Decoder evaluations of the solver; else its default.
     #[arg(long)]
     evaluations: Option<u16>,
@@ -44,13 +54,28 @@ impl Cmd {
         if let Some(evaluations) = self.evaluations {
             refinement.evaluations = evaluations;
         }
-        let report = plan::plan(&blob, self.tokens, self.anchors, refinement)?;
+        let guided = self.guidance != 1.0;
+        let planning = match self.words.unwrap_or(usize::MAX) {
+            0 => None,
+            words => Some(Limits { words, steps: self.steps, guided }),
+        };
+        let report = plan::plan(&blob, self.tokens, self.anchors, refinement, planning)?;
         say(&format!(
             "{}: {} tokens, {} frames, {} anchors, {} solver evaluations",
             report.model, report.tokens, report.frames, report.anchors, report.solver_evaluations
         ));
+        if let Some(p) = &report.planning {
+            let guidance = if p.guided { "on" } else { "off" };
+            say(&format!(
+                "planning: {} words, {} steps, guidance {guidance}: {} bytes, {} MAC",
+                p.words,
+                p.steps,
+                grouped(p.bytes as u64),
+                grouped(p.macs)
+            ));
+        }
         table("arena", "bytes", &report.arena, report.arena_bytes as u64);
-        say(&format!("  {:<28}  {:>13} bytes", "with the generator object", grouped(report.ram_bytes as u64)));
+        say(&format!("  {:<32}  {:>13} bytes", "with the generator object", grouped(report.ram_bytes as u64)));
         table("flash", "bytes", &report.flash, report.flash_bytes as u64);
         let pass = report.decoder_macs.iter().map(|s| s.amount).sum();
         table("one decoder pass, all channels", "MAC", &report.decoder_macs, pass);
@@ -72,9 +97,9 @@ impl Cmd {
 fn table(title: &str, unit: &str, shares: &[Share], total: u64) {
     say(&format!("\n{title}"));
     for s in shares {
-        say(&format!("  {:<28}  {:>13}", s.name, grouped(s.amount)));
+        say(&format!("  {:<32}  {:>13}", s.name, grouped(s.amount)));
     }
-    say(&format!("  {:<28}  {:>13} {unit}", "all", grouped(total)));
+    say(&format!("  {:<32}  {:>13} {unit}", "all", grouped(total)));
 }
 
 /// The blob's path as `include_bytes!` in `file` must say it: bare when both lie in one folder, else absolute.

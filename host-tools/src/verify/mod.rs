@@ -8,7 +8,7 @@ pub mod planner;
 pub mod solvers;
 
 use motionette::blob::TransformerConfig;
-use motionette::{Generator, Limits, Plan, Request};
+use motionette::{Generator, Request};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
@@ -247,6 +247,8 @@ pub fn names_checkpoint(blob: &BlobFile, hash: &str) -> Result<bool, Error> {
 pub struct RuntimeMotion {
     /// Embeddings `[L][du]` it was decoded from.
     pub u: Vec<f32>,
+    /// Tokens it was made of; empty when it was made from embeddings.
+    pub tokens: Vec<u16>,
     /// Joints, metres.
     pub joints: Vec<Pose>,
     /// What the refinement did.
@@ -258,13 +260,17 @@ pub struct RuntimeMotion {
 /// # Errors
 /// [`Error::Blob`], [`Error::Runtime`].
 pub fn run(blob: &BlobFile, clip: &str, request: &Request<'_>) -> Result<RuntimeMotion, Error> {
-    let model = blob.model()?;
     let failed = |source| Error::Runtime { clip: clip.to_owned(), source };
-    let plan = Generator::new(model.clone(), &mut []).and_then(|generator| generator.plan(request)).map_err(failed)?;
+    let plan = Generator::new(blob.model()?, &mut []).and_then(|g| g.plan(request)).map_err(failed)?;
     let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(16)];
-    let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(failed)?;
+    let mut generator = Generator::new(blob.model()?, bytemuck::cast_slice_mut(&mut arena)).map_err(failed)?;
     let motion = generator.generate(request, &mut ()).map_err(failed)?;
-    Ok(RuntimeMotion { u: motion.u().to_vec(), joints: motion.frames().to_vec(), refinement: motion.refinement })
+    Ok(RuntimeMotion {
+        u: motion.u().to_vec(),
+        tokens: motion.tokens().to_vec(),
+        joints: motion.frames().to_vec(),
+        refinement: motion.refinement,
+    })
 }
 
 /// Verifies `blob` against `checkpoint` over `sequences`; `solver_clips` of them also compare the solvers. `progress` is called once a clip.

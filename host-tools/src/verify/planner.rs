@@ -4,10 +4,11 @@
 //! of every position. So two planners are compared and not two random walks; what a walk of ten steps makes of the small differences is
 //! reported apart.
 
+use motionette::Request;
 use motionette::arena::Arena;
 use motionette::hash::Stream;
 use motionette::perception::prompt::Prompt;
-use motionette::planning::{Limits, Planning, Session};
+use motionette::planning::{Length, Limits, Planning, Session};
 use serde::Serialize;
 
 use super::Error;
@@ -68,7 +69,7 @@ pub struct Report {
     pub runtime: Agreement,
     /// The runtime's weights in the reference's arithmetic against the reference.
     pub weights: Agreement,
-    /// Share of equal tokens when both sample whole motions with the same random numbers; [`FREE_STEPS`] steps.
+    /// Share of equal tokens when both sample whole motions with the same random numbers and the runtime's defaults.
     pub free_running: f64,
     /// Least [`Agreement::top1`] of the runtime that is allowed.
     pub budget: f64,
@@ -95,8 +96,15 @@ pub fn verify(
         Ok(rounded.logits(&rounded.guided(&case.words, 1.0), z, time, &[]))
     };
     let weights = agreement(cases, &exact, rounded, &progress)?;
+    let planning = Planning::default();
+    let settings = Settings { steps: usize::from(planning.steps), ..Settings::default() };
+    let tokens = |case: &Case, settings: &Settings| -> Result<Vec<u16>, Error> {
+        let request = Request::text(&case.prompt).length(Length::Tokens(case.tokens.len() as u16)).seed(settings.seed);
+        Ok(super::run(blob, &case.id, &request)?.tokens)
+    };
+    let free_running = free_running(cases, &exact, planning.guidance, &settings, tokens, &progress)?;
     let met = runtime.top1 >= AGREEMENT_BUDGET;
-    Ok(Report { runtime, weights, free_running: 0.0, budget: AGREEMENT_BUDGET, met })
+    Ok(Report { runtime, weights, free_running, budget: AGREEMENT_BUDGET, met })
 }
 
 /// The runtime's logits `[L][V]` for a case, its tokens corrupted and the time.
