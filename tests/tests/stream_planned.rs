@@ -84,7 +84,7 @@ fn each_segment_is_what_a_request_with_its_context_given_makes() {
         // However late frames are taken, as long as there is room for the next segment.
         for eager in [true, false] {
             let mut stream = generator.stream(&limits(&model, 4)).unwrap();
-            let (mut got, mut joints) = (Vec::new(), Vec::new());
+            let (mut got, mut joints): (Vec<u16>, Vec<u32>) = (Vec::new(), Vec::new());
             for (k, (prompt, count)) in SEGMENTS.iter().enumerate() {
                 let request =
                     Request::text(prompt).planned(Planning { length: Length::Tokens(*count), ..base.planning });
