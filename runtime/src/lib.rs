@@ -76,11 +76,13 @@ pub mod plan;
 pub mod planning;
 pub mod refining;
 
-pub use generator::{Error, Flow, Generator, Motion, Observer, Progress, Request, Source, Stage};
+pub use generator::{
+    Error, Flow, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
+};
 pub use model::Model;
 pub use perception::anchors::{Anchor, Target};
 pub use perception::prompt::Prompt;
-pub use plan::{Limits, Plan};
+pub use plan::{Limits, Plan, StreamLimits, StreamPlan};
 pub use planning::{Fixed, Length, Planning, Sampling, Schedule};
 
 /// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).

@@ -2,6 +2,7 @@
 
 use crate::JOINTS;
 use crate::arena::bytes_of;
+use crate::decoding::stream::CHUNK;
 use crate::model::Model;
 use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
 use crate::planning;
@@ -52,6 +53,10 @@ pub struct Plan {
     pub decoding_macs: u64,
     /// Multiply-accumulates at most, in all.
     pub macs: u64,
+    /// Tokens on either side that a frame depends on.
+    pub radius_tokens: usize,
+    /// Frames by which a stream's output lags behind its tokens; the request itself has no such lag.
+    pub latency_frames: usize,
 }
 
 /// Feature channels that the solver may have to decode for so many anchors.
@@ -111,6 +116,80 @@ impl Plan {
             planning_macs,
             decoding_macs: whole,
             macs: planning_macs + whole + 2 * u64::from(steps) * partial,
+            radius_tokens: decoder.radius_tokens(),
+            latency_frames: decoder.radius_frames(),
+        }
+    }
+}
+
+/// The largest stream that is to be served.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StreamLimits {
+    /// Tokens that the stream remembers: as many can be queued at once, and as many the planner sees, those that the
+    /// motion goes on from and the new ones together.
+    pub tokens: usize,
+    /// Planning of segments; `None` when all tokens are given.
+    pub planning: Option<planning::Limits>,
+}
+
+/// Bytes and work of a stream, however long its motion runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StreamPlan {
+    /// Arena bytes in all, from a 16-byte boundary: exactly what a [`crate::MotionStream`] takes.
+    pub arena_bytes: usize,
+    /// Of these, bytes that the decoder keeps from one chunk to the next.
+    pub state_bytes: usize,
+    /// Bytes of the decoder's other buffers.
+    pub decoder_bytes: usize,
+    /// Bytes of the frames that are handed out, their root path included.
+    pub frame_bytes: usize,
+    /// Bytes of the tokens.
+    pub token_bytes: usize,
+    /// Bytes of planning a segment, in use only while it is planned.
+    pub planning_bytes: usize,
+    /// Frames handed out at once, at most.
+    pub frames: usize,
+    /// Tokens on either side that a frame depends on.
+    pub radius_tokens: usize,
+    /// Frames by which the output lags behind the tokens.
+    pub latency_frames: usize,
+    /// Multiply-accumulates of planning a segment, at most.
+    pub planning_macs: u64,
+    /// Multiply-accumulates of one call of [`crate::MotionStream::frames`], at most, whatever it is called for.
+    pub frames_macs: u64,
+    /// Multiply-accumulates of decoding a token, when they come in full chunks.
+    pub token_macs: u64,
+}
+
+impl StreamPlan {
+    /// The plan for streams inside `limits`.
+    #[must_use]
+    pub fn new(model: &Model<'_>, limits: &StreamLimits) -> StreamPlan {
+        let decoder = model.decoder();
+        let frames = CHUNK * model.frames_per_token();
+        let state_bytes = decoder.tail_bytes();
+        let decoder_bytes = decoder.stream_bytes(POSITION_CHANNELS).saturating_sub(state_bytes);
+        let frame_bytes = 4 * bytes_of::<f32>(frames) + bytes_of::<f32>(frames * JOINT_COLUMNS);
+        let token_bytes = bytes_of::<u16>(limits.tokens * model.codebooks().quantizers());
+        let (mut planning_bytes, mut planning_macs) = (0, 0);
+        if let (Some(planning), Some(modules)) = (&limits.planning, model.planning()) {
+            planning_bytes = bytes_of::<u16>(limits.tokens) + modules.bytes(limits.tokens, planning);
+            planning_macs = modules.macs(limits.tokens, planning);
+        }
+        let token_macs = decoder.stream_macs(CHUNK, &channels(u32::MAX));
+        StreamPlan {
+            arena_bytes: state_bytes + decoder_bytes + frame_bytes + token_bytes + planning_bytes,
+            state_bytes,
+            decoder_bytes,
+            frame_bytes,
+            token_bytes,
+            planning_bytes,
+            frames,
+            radius_tokens: decoder.radius_tokens(),
+            latency_frames: decoder.radius_frames(),
+            planning_macs,
+            frames_macs: CHUNK as u64 * token_macs,
+            token_macs,
         }
     }
 }

@@ -14,19 +14,19 @@ use heapless::Vec;
 
 /// Residual blocks and the upsampling convolution behind them.
 #[derive(Debug, Clone)]
-struct Stage<'a> {
-    blocks: Vec<Residual<'a>, MAX_BLOCKS>,
-    upsample: Conv1d<'a>,
+pub(super) struct Stage<'a> {
+    pub(super) blocks: Vec<Residual<'a>, MAX_BLOCKS>,
+    pub(super) upsample: Conv1d<'a>,
 }
 
 /// The decoder's layers in flash.
 #[derive(Debug, Clone)]
 pub struct Decoder<'a> {
-    input: Conv1d<'a>,
-    stages: Vec<Stage<'a>, MAX_STAGES>,
-    middle: Conv1d<'a>,
-    output: Output<'a>,
-    width: usize,
+    pub(super) input: Conv1d<'a>,
+    pub(super) stages: Vec<Stage<'a>, MAX_STAGES>,
+    pub(super) middle: Conv1d<'a>,
+    pub(super) output: Output<'a>,
+    pub(super) width: usize,
     code_width: usize,
 }
 
@@ -194,11 +194,13 @@ impl<'a> Decoder<'a> {
             scratch: residual::Scratch {
                 q: arena.take(s.q)?,
                 scales: arena.take(s.frames)?,
-                block: arena.take(BLOCK * s.row)?,
-                block_q: arena.take(BLOCK * s.row)?,
-                block_scales: arena.take(BLOCK)?,
                 row: arena.take(s.row)?,
-                acc: arena.take(s.acc)?,
+                block: residual::Block {
+                    rows: arena.take(BLOCK * s.row)?,
+                    q: arena.take(BLOCK * s.row)?,
+                    scales: arena.take(BLOCK)?,
+                    acc: arena.take(s.acc)?,
+                },
             },
             output_row: arena.take(s.output)?,
             output_q: arena.take(s.output)?,
@@ -225,7 +227,7 @@ impl<'a> Decoder<'a> {
 
         let x = quantise_rows(u, scratch.q, scratch.scales, rows, self.code_width);
         let y = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-        self.input.forward(x, 0, y, scratch.acc);
+        self.input.forward(x, 0, y, scratch.block.acc);
         relu_rows(y, masks.front(rows * words), width);
         check()?;
         for stage in &self.stages {
@@ -237,18 +239,18 @@ impl<'a> Decoder<'a> {
             }
             let x = quantise_rows(sequence, scratch.q, scratch.scales, rows, width);
             let y = sequence.get_mut(..2 * rows * width).unwrap_or(&mut []);
-            stage.upsample.forward_upsampled(x, y, scratch.acc);
+            stage.upsample.forward_upsampled(x, 0, y, scratch.block.acc);
             rows *= 2;
             check()?;
         }
         let x = quantise_rows(sequence, scratch.q, scratch.scales, rows, width);
         let y = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-        self.middle.forward(x, 0, y, scratch.acc);
+        self.middle.forward(x, 0, y, scratch.block.acc);
         relu_rows(y, masks.front(rows * words), width);
         check()?;
         let x = quantise_rows(y, scratch.q, scratch.scales, rows, width);
-        let mut last = output::Scratch { row: output_row, q: output_q, acc: scratch.acc, acc_low };
-        self.output.forward(x, channels, out, &mut last);
+        let mut last = output::Scratch { row: output_row, q: output_q, acc: scratch.block.acc, acc_low };
+        self.output.forward(x, 0, channels, out, &mut last);
         check()
     }
 
@@ -272,23 +274,23 @@ impl<'a> Decoder<'a> {
         let mut masks = Carver::new(masks.get_mut(..used).unwrap_or(&mut []));
 
         let dx = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-        let mut last = output::Scratch { row: output_row, q: output_q, acc: scratch.acc, acc_low };
+        let mut last = output::Scratch { row: output_row, q: output_q, acc: scratch.block.acc, acc_low };
         self.output.backward(g, channels, dx, &mut last);
         gate_rows(dx, masks.back(rows * words), width);
         check()?;
         self.middle.quantise_gradient(dx, scratch.q, scratch.scales, scratch.row);
         let g = quantised(scratch.q, scratch.scales, rows, width);
-        self.middle.backward(g, 0, dx, scratch.acc);
+        self.middle.backward(g, 0, dx, scratch.block.acc);
         check()?;
         for stage in self.stages.iter().rev() {
             let g = sequence.get_mut(..rows * width).unwrap_or(&mut []);
             let mut block = GradientBlock {
                 row: scratch.row,
-                sums: scratch.block,
-                q: scratch.block_q,
-                scales: scratch.block_scales,
+                sums: scratch.block.rows,
+                q: scratch.block.q,
+                scales: scratch.block.scales,
             };
-            stage.upsample.backward_upsampled(g, &mut block, scratch.acc);
+            stage.upsample.backward_upsampled(g, &mut block, scratch.block.acc);
             rows /= 2;
             check()?;
             for block in stage.blocks.iter().rev() {
@@ -303,7 +305,7 @@ impl<'a> Decoder<'a> {
         gate_rows(g, masks.back(rows * words), width);
         self.input.quantise_gradient(g, scratch.q, scratch.scales, scratch.row);
         let g = quantised(scratch.q, scratch.scales, rows, width);
-        self.input.backward(g, 0, du, scratch.acc);
+        self.input.backward(g, 0, du, scratch.block.acc);
         check()
     }
 }

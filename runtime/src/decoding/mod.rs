@@ -1,4 +1,6 @@
-//! Tokens to motion features: codebooks and the convolutional VQ decoder, with the gradient back to the embeddings.
+//! Tokens to motion features: codebooks and the convolutional VQ decoder, whole with the gradient back to the
+//! embeddings, or in segments.
 
 pub mod codebook;
 pub mod decoder;
+pub mod stream;

@@ -48,6 +48,17 @@ pub enum Error {
     Solver(SolverError),
     /// The observer asked to abort.
     Aborted,
+    /// More tokens than a stream can queue at present.
+    QueueFull {
+        /// Tokens that were to be queued.
+        found: usize,
+        /// Tokens there is room for.
+        room: usize,
+    },
+    /// The stream's motion has been finished: no more tokens.
+    Finished,
+    /// A stream takes text and tokens, without anchors.
+    NotInParts,
 }
 
 impl core::fmt::Display for Error {
@@ -73,6 +84,11 @@ impl core::fmt::Display for Error {
             Error::Anchors(e) => e.fmt(f),
             Error::Solver(e) => e.fmt(f),
             Error::Aborted => write!(f, "the observer aborted the request"),
+            Error::QueueFull { found, room } => {
+                write!(f, "{found} tokens do not fit the stream's queue, which has room for {room}: take frames first")
+            }
+            Error::Finished => write!(f, "the stream's motion has been finished"),
+            Error::NotInParts => write!(f, "a stream takes text and tokens, neither embeddings nor anchors"),
         }
     }
 }

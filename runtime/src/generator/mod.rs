@@ -6,10 +6,12 @@ mod error;
 mod observer;
 mod plan_tokens;
 mod request;
+mod stream;
 
 pub use error::Error;
 pub use observer::{Flow, Observer, Progress, Stage};
 pub use request::{Request, Source};
+pub use stream::{Frame, MotionStream, Segment};
 
 use crate::JOINTS;
 use crate::arena::{Arena, ArenaTooSmall};
@@ -249,13 +251,7 @@ impl<'a> Generator<'a> {
         let features = Features { values, channels: &all, mean: model.mean(), std: model.std() };
         features.integrate(&mut path);
         let joints = work.sequence.get_mut(..frames * JOINT_COLUMNS).unwrap_or(&mut []);
-        for (frame, row) in joints.chunks_exact_mut(JOINT_COLUMNS).enumerate() {
-            for (joint, to) in row.chunks_exact_mut(3).enumerate() {
-                for (to, from) in to.iter_mut().zip(features.position(&path, joint, frame)) {
-                    *to = from;
-                }
-            }
-        }
+        features.joints(&path, joints);
         let arena_used = if peak > arena.used() { peak } else { arena.used() };
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
         let Planned { heard, .. } = made;

@@ -6,6 +6,7 @@
 
 use crate::JOINTS;
 use crate::nn::output::Channels;
+use core::f32::consts::PI;
 
 /// Channels of the representation.
 pub const FEATURES: usize = 263;
@@ -58,6 +59,58 @@ pub struct Path<'a> {
     pub d_z: &'a mut [f32],
 }
 
+/// Where the root stands and faces: what the integration carries from one frame to the next.
+///
+/// The half angle is kept within a turn, `|a| <= pi`: beyond it `pi` is taken off, which is exact but for the 9e-8 rad by
+/// which the constant misses pi. Left to grow, an f32 would swallow slow turns within hours; this way the rounding of
+/// each step is that of the first turn (at most 1.2e-7 rad), however long the motion runs. The position has no such
+/// period: its resolution is 0.06 mm within 1 km of the origin and doubles with the distance, see [`Root::rebase`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Root {
+    /// `a`, half the heading, radians.
+    angle: f32,
+    /// `cos 2 a`
+    cos: f32,
+    /// `sin 2 a`
+    sin: f32,
+    /// Metres.
+    x: f32,
+    /// Metres.
+    z: f32,
+}
+
+impl Default for Root {
+    /// At the origin, facing +z.
+    fn default() -> Self {
+        Root { angle: 0.0, cos: 1.0, sin: 0.0, x: 0.0, z: 0.0 }
+    }
+}
+
+impl Root {
+    /// Moves the origin below the root, leaving the axes as they are. Returns where the new origin lies in the old
+    /// frame, `[x, z]`, metres.
+    pub const fn rebase(&mut self) -> [f32; 2] {
+        let origin = [self.x, self.z];
+        (self.x, self.z) = (0.0, 0.0);
+        origin
+    }
+
+    /// Turns by the half angle `yaw`, then walks by `(vx, vz)` in the new heading, metres.
+    fn step(&mut self, yaw: f32, vx: f32, vz: f32) {
+        self.angle = within_a_turn(self.angle + yaw);
+        let full = 2.0 * self.angle;
+        (self.cos, self.sin) = (libm::cosf(full), libm::sinf(full));
+        self.x += vx * self.cos - vz * self.sin;
+        self.z += vx * self.sin + vz * self.cos;
+    }
+}
+
+/// The same half angle with `|a| <= pi`.
+fn within_a_turn(angle: f32) -> f32 {
+    // Never in doubt for a body: a whole turn between two frames would be needed to leave a remainder beyond pi.
+    if angle.abs() > PI { libm::fmodf(angle, PI) } else { angle }
+}
+
 /// Normalised features of some channels and what undoes the normalisation.
 #[derive(Debug, Clone, Copy)]
 pub struct Features<'a> {
@@ -86,19 +139,18 @@ impl Features<'_> {
         row.get(channel).copied().unwrap_or(0.0) * std + mean
     }
 
-    /// Integrates the root: fills `path`'s angle and position of every frame.
+    /// Integrates the root from the start of a motion: fills `path`'s angle and position of every frame.
     pub fn integrate(&self, path: &mut Path<'_>) {
-        let (mut angle, mut x, mut z) = (0.0f32, 0.0f32, 0.0f32);
-        let (mut cos, mut sin) = (1.0f32, 0.0f32);
+        self.integrate_from(&mut Root::default(), path);
+    }
+
+    /// Integrates the root from `root`, which stands where the first of these frames does, and moves it on to the frame
+    /// behind the last: pieces of a motion in turn give the bits of the whole.
+    pub fn integrate_from(&self, root: &mut Root, path: &mut Path<'_>) {
         let out = path.cos.iter_mut().zip(path.sin.iter_mut()).zip(path.x.iter_mut().zip(path.z.iter_mut()));
-        for (row, ((cos_out, sin_out), (x_out, z_out))) in self.values.chunks_exact(self.width()).zip(out) {
-            (*cos_out, *sin_out, *x_out, *z_out) = (cos, sin, x, z);
-            angle += self.root(row, YAW);
-            let full = 2.0 * angle;
-            (cos, sin) = (libm::cosf(full), libm::sinf(full));
-            let (vx, vz) = (self.root(row, VELOCITY_X), self.root(row, VELOCITY_Z));
-            x += vx * cos - vz * sin;
-            z += vx * sin + vz * cos;
+        for (row, ((cos, sin), (x, z))) in self.values.chunks_exact(self.width()).zip(out) {
+            (*cos, *sin, *x, *z) = (root.cos, root.sin, root.x, root.z);
+            root.step(self.root(row, YAW), self.root(row, VELOCITY_X), self.root(row, VELOCITY_Z));
         }
     }
 
@@ -127,6 +179,17 @@ impl Features<'_> {
         let (Some(&cos), Some(&sin)) = (path.cos.get(frame), path.sin.get(frame)) else { return [0.0; 3] };
         let Some([lx, ly, lz]) = self.local(joint, frame) else { return [0.0; 3] };
         [lx * cos - lz * sin + x, ly, lx * sin + lz * cos + z]
+    }
+
+    /// Positions of all joints of every frame, `out [T][22][3]`, metres.
+    pub fn joints(&self, path: &Path<'_>, out: &mut [f32]) {
+        for (frame, row) in out.chunks_exact_mut(3 * JOINTS).enumerate() {
+            for (joint, to) in row.chunks_exact_mut(3).enumerate() {
+                for (to, from) in to.iter_mut().zip(self.position(path, joint, frame)) {
+                    *to = from;
+                }
+            }
+        }
     }
 
     /// Adds `d = dJ/dposition` of a joint: local channels go into `g [T][C]` at once (normalised), the root's share

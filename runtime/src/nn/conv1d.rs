@@ -95,6 +95,12 @@ impl<'a> Conv1d<'a> {
         self.inputs
     }
 
+    /// Rows on either side that an output row depends on.
+    #[must_use]
+    pub const fn reach(&self) -> usize {
+        self.middle() * self.dilation
+    }
+
     /// Multiply-accumulates for one output row whose taps all lie inside.
     #[must_use]
     pub const fn macs(&self) -> u64 {
@@ -139,33 +145,31 @@ impl<'a> Conv1d<'a> {
         }
     }
 
-    /// Computes the convolution of `x` with every row repeated twice, `out [2 R][N]`. A row's products serve both its
-    /// copies, so this costs half of what the repeated sequence would, with the same bits.
-    pub fn forward_upsampled(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
+    /// Computes the convolution of `x` with every row repeated twice: rows `first..` of its `2 R`, as many as
+    /// `out [B][N]` holds. A row's products serve both its copies, so this costs half of what the repeated sequence
+    /// would, with the same bits.
+    pub fn forward_upsampled(&self, x: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
         let (width, rows) = (self.outputs, x.scales.len());
+        let count = out.len() / width.max(1);
         out.fill(0.0);
         for tap in 0..self.taps {
-            let weights = self.tap(tap);
-            for first in (0..rows).step_by(BLOCK) {
-                let x = x.window(first, BLOCK, self.inputs);
-                linear_s16s8(x.q, weights, self.inputs, width, acc);
+            // Copy c of the repeated sequence reaches row c + middle - lead of `out`.
+            let lead = first + tap;
+            let start = lead.saturating_sub(self.middle()) / 2;
+            let end = (lead + count).saturating_sub(self.middle()).div_ceil(2).min(rows);
+            for source in (start..end).step_by(BLOCK) {
+                let x = x.window(source, end.saturating_sub(source).min(BLOCK), self.inputs);
+                linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
                 for (r, (acc, scale)) in acc.chunks_exact(width.max(1)).zip(x.scales).enumerate() {
-                    // Copies 2 s and 2 s + 1 of row s reach the outputs that are `tap - 1` rows before them.
-                    let Some(start) = (2 * (first + r) + self.middle()).checked_sub(tap) else {
-                        let out = out.get_mut(..width).unwrap_or(&mut []);
-                        add_scaled(out, acc, core::slice::from_ref(scale), width);
-                        continue;
-                    };
-                    for copy in start..start + 2 {
-                        let out = out.get_mut(copy * width..(copy + 1) * width).unwrap_or(&mut []);
+                    for copy in 0..2 {
+                        let Some(row) = (2 * (source + r) + copy + self.middle()).checked_sub(lead) else { continue };
+                        let out = out.get_mut(row * width..(row + 1) * width).unwrap_or(&mut []);
                         add_scaled(out, acc, core::slice::from_ref(scale), width);
                     }
                 }
             }
         }
-        for out in out.chunks_exact_mut(width.max(1)) {
-            self.finish(out);
-        }
+        self.finish(out);
     }
 
     /// Quantises gradients `g [R][N]` with the output scales folded in, which is what the backward passes read.
@@ -270,17 +274,18 @@ pub struct GradientBlock<'a> {
 }
 
 /// The rows of a block that have a source row at some offset.
-struct Span {
+pub(super) struct Span {
     /// Rows of the block before the first that has one.
-    skip: usize,
+    pub skip: usize,
     /// First source row.
-    source: usize,
+    pub source: usize,
     /// How many.
-    rows: usize,
+    pub rows: usize,
 }
 
 impl Span {
-    fn new(first: usize, count: usize, rows: usize, offset: isize) -> Option<Span> {
+    /// Of the `count` rows from `first` on, those whose source `offset` rows further lies within `rows`.
+    pub(super) fn new(first: usize, count: usize, rows: usize, offset: isize) -> Option<Span> {
         let start = first.saturating_add_signed(offset);
         let skip = if offset < 0 { offset.unsigned_abs().saturating_sub(first) } else { 0 };
         let end = (first + count).checked_add_signed(offset)?;

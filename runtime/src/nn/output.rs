@@ -3,7 +3,7 @@
 //! Root velocities integrate over time, so their rows are stored with 16 bits, as two int8 planes: no kernel is added
 //! (`acc = 256 acc_high + acc_low`, combined in f32) and nothing overflows.
 
-use super::conv1d::{BLOCK, Rows, Shape, add_scaled, larger, planes_follow, row_bound, weight_norm};
+use super::conv1d::{BLOCK, Rows, Shape, Span, add_scaled, larger, planes_follow, row_bound, weight_norm};
 use super::quantise;
 use crate::blob::{Error, Tensors};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8};
@@ -148,10 +148,22 @@ impl<'a> Output<'a> {
         self.outputs
     }
 
+    /// Input channels.
+    #[must_use]
+    pub const fn inputs(&self) -> usize {
+        self.inputs
+    }
+
     /// Leading output channels with int16 weights.
     #[must_use]
     pub const fn wide(&self) -> usize {
         self.wide
+    }
+
+    /// Rows on either side that an output row depends on.
+    #[must_use]
+    pub const fn reach(&self) -> usize {
+        self.taps / 2
     }
 
     /// A bound of `|y|` when `|x| <= input`.
@@ -186,24 +198,19 @@ impl<'a> Output<'a> {
         (self.taps * self.inputs * rows) as u64
     }
 
-    /// Computes `channels` of all rows: `out [R][C]`, `C = channels.count()`.
-    pub fn forward(&self, x: Rows<'_>, channels: &Channels, out: &mut [f32], scratch: &mut Scratch<'_>) {
+    /// Computes `channels` of rows `first..`, as many as `out [B][C]` holds, `C = channels.count()`.
+    pub fn forward(&self, x: Rows<'_>, first: usize, channels: &Channels, out: &mut [f32], scratch: &mut Scratch<'_>) {
         let width = channels.count().max(1);
-        let rows = x.scales.len();
+        let (count, rows) = (out.len() / width, x.scales.len());
         out.fill(0.0);
         for tap in 0..self.taps {
-            for first in (0..rows).step_by(BLOCK) {
-                // Source row r serves output row r + middle - tap; the first rows may serve none.
-                let shift = self.taps / 2;
-                let skip = tap.saturating_sub(shift + first);
-                let source = first + skip;
-                let Some(target) = (source + shift).checked_sub(tap) else { continue };
-                let count = BLOCK.saturating_sub(skip).min(rows.saturating_sub(target));
-                let q = x.q.get(source * self.inputs..).unwrap_or(&[]);
-                let q = q.get(..count * self.inputs).unwrap_or(q);
-                let scales = x.scales.get(source..).unwrap_or(&[]);
-                let scales = scales.get(..count).unwrap_or(scales);
-                let out = out.get_mut(target * width..).unwrap_or(&mut []);
+            let offset = tap as isize - self.reach() as isize;
+            for block in (0..count).step_by(BLOCK) {
+                let Some(span) = Span::new(first + block, BLOCK.min(count.saturating_sub(block)), rows, offset) else {
+                    continue;
+                };
+                let Rows { q, scales } = x.window(span.source, span.rows, self.inputs);
+                let out = out.get_mut((block + span.skip) * width..).unwrap_or(&mut []);
                 let mut column = 0;
                 for range in channels.ranges() {
                     let (wide, narrow) = self.split(range);

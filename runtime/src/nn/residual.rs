@@ -19,14 +19,21 @@ pub struct Scratch<'a> {
     pub q: &'a mut [i16],
     /// Their scales `[R]`.
     pub scales: &'a mut [f32],
-    /// One block of f32 rows, `[BLOCK][W]`.
-    pub block: &'a mut [f32],
-    /// One block of quantised rows, `[BLOCK][W]`.
-    pub block_q: &'a mut [i16],
-    /// Their scales, `[BLOCK]`.
-    pub block_scales: &'a mut [f32],
     /// One row, `[W]`.
     pub row: &'a mut [f32],
+    /// Scratch of one block.
+    pub block: Block<'a>,
+}
+
+/// Scratch of [`BLOCK`] rows.
+#[derive(Debug)]
+pub struct Block<'a> {
+    /// f32 rows, `[BLOCK][W]`.
+    pub rows: &'a mut [f32],
+    /// Quantised rows, `[BLOCK][W]`.
+    pub q: &'a mut [i16],
+    /// Their scales, `[BLOCK]`.
+    pub scales: &'a mut [f32],
     /// Accumulators, `[BLOCK][W]`.
     pub acc: &'a mut [i32],
 }
@@ -44,34 +51,47 @@ impl Residual<'_> {
     /// Runs the block over `x [R][W]` in place and keeps the ReLU masks for [`Residual::backward`].
     pub fn forward(&self, x: &mut [f32], scratch: &mut Scratch<'_>, masks: &mut Masks<'_>) {
         let width = self.conv1.inputs().max(1);
-        let words = mask::words(width).max(1);
-        // Never zero; written so that the compiler can see it.
-        let (block_len, mask_len) = ((BLOCK * width).max(1), (BLOCK * words).max(1));
-        let limit = quantise::limit(width);
         let rows = x.len() / width;
-        let inputs = x.chunks_exact(width).zip(scratch.q.chunks_exact_mut(width)).zip(scratch.scales.iter_mut());
-        for (((x, q), scale), mask) in inputs.zip(masks.input.chunks_exact_mut(words)) {
-            let row = scratch.row.get_mut(..width).unwrap_or(&mut []);
+        self.activate(x, scratch.q, scratch.scales, scratch.row, masks.input);
+        let input =
+            Rows { q: scratch.q.get(..rows * width).unwrap_or(&[]), scales: scratch.scales.get(..rows).unwrap_or(&[]) };
+        self.add(input, 0, x, &mut scratch.block, masks.hidden);
+    }
+
+    /// The rows that the dilated convolution reads: `relu(x)`, quantised to `q` and `scales`.
+    pub fn activate(&self, x: &[f32], q: &mut [i16], scales: &mut [f32], row: &mut [f32], masks: &mut [u32]) {
+        let width = self.conv1.inputs().max(1);
+        let words = mask::words(width).max(1);
+        let limit = quantise::limit(width);
+        let rows = x.chunks_exact(width).zip(q.chunks_exact_mut(width)).zip(scales);
+        for (((x, q), scale), mask) in rows.zip(masks.chunks_exact_mut(words)) {
+            let row = row.get_mut(..width).unwrap_or(&mut []);
             for (row, x) in row.iter_mut().zip(x) {
                 *row = *x;
             }
             mask::relu(row, mask);
             *scale = quantise::row(row, q, limit);
         }
-        let input =
-            Rows { q: scratch.q.get(..rows * width).unwrap_or(&[]), scales: scratch.scales.get(..rows).unwrap_or(&[]) };
-        let hidden = masks.hidden.chunks_mut(mask_len);
-        for (block, (x, masks)) in x.chunks_mut(block_len).zip(hidden).enumerate() {
-            let hidden = scratch.block.get_mut(..x.len()).unwrap_or(&mut []);
-            self.conv1.forward(input, block * BLOCK, hidden, scratch.acc);
+    }
+
+    /// Adds what the block makes of `input` to `x [B][W]`, which are rows `first..` of the block's own input.
+    pub fn add(&self, input: Rows<'_>, first: usize, x: &mut [f32], scratch: &mut Block<'_>, masks: &mut [u32]) {
+        let width = self.conv1.inputs().max(1);
+        let words = mask::words(width).max(1);
+        // Never zero; written so that the compiler can see it.
+        let (block_len, mask_len) = ((BLOCK * width).max(1), (BLOCK * words).max(1));
+        let limit = quantise::limit(width);
+        for (block, (x, masks)) in x.chunks_mut(block_len).zip(masks.chunks_mut(mask_len)).enumerate() {
+            let hidden = scratch.rows.get_mut(..x.len()).unwrap_or(&mut []);
+            self.conv1.forward(input, first + block * BLOCK, hidden, scratch.acc);
             for (hidden, mask) in hidden.chunks_exact_mut(width).zip(masks.chunks_exact_mut(words)) {
                 mask::relu(hidden, mask);
             }
-            quantise::rows(hidden, width, limit, scratch.block_q, scratch.block_scales);
+            quantise::rows(hidden, width, limit, scratch.q, scratch.scales);
             let count = x.len() / width;
             let rows = Rows {
-                q: scratch.block_q.get(..count * width).unwrap_or(&[]),
-                scales: scratch.block_scales.get(..count).unwrap_or(&[]),
+                q: scratch.q.get(..count * width).unwrap_or(&[]),
+                scales: scratch.scales.get(..count).unwrap_or(&[]),
             };
             self.conv2.forward(rows, 0, hidden, scratch.acc);
             for (x, h) in x.iter_mut().zip(hidden.iter()) {
@@ -90,14 +110,14 @@ impl Residual<'_> {
         let quantised = scratch.q.chunks_mut(block_len).zip(scratch.scales.chunks_mut(BLOCK));
         let blocks = g.chunks(block_len).zip(masks.hidden.chunks(mask_len)).zip(quantised);
         for ((g, masks), (q, scales)) in blocks {
-            self.conv2.quantise_gradient(g, scratch.block_q, scratch.block_scales, scratch.row);
+            self.conv2.quantise_gradient(g, scratch.block.q, scratch.block.scales, scratch.row);
             let count = g.len() / width;
             let outer = Rows {
-                q: scratch.block_q.get(..count * width).unwrap_or(&[]),
-                scales: scratch.block_scales.get(..count).unwrap_or(&[]),
+                q: scratch.block.q.get(..count * width).unwrap_or(&[]),
+                scales: scratch.block.scales.get(..count).unwrap_or(&[]),
             };
-            let hidden = scratch.block.get_mut(..g.len()).unwrap_or(&mut []);
-            self.conv2.backward(outer, 0, hidden, scratch.acc);
+            let hidden = scratch.block.rows.get_mut(..g.len()).unwrap_or(&mut []);
+            self.conv2.backward(outer, 0, hidden, scratch.block.acc);
             for (hidden, mask) in hidden.chunks_exact_mut(width).zip(masks.chunks_exact(words)) {
                 mask::gate(hidden, mask);
             }
@@ -106,8 +126,8 @@ impl Residual<'_> {
         let inner =
             Rows { q: scratch.q.get(..rows * width).unwrap_or(&[]), scales: scratch.scales.get(..rows).unwrap_or(&[]) };
         for (block, (g, masks)) in g.chunks_mut(block_len).zip(masks.input.chunks(mask_len)).enumerate() {
-            let dx = scratch.block.get_mut(..g.len()).unwrap_or(&mut []);
-            self.conv1.backward(inner, block * BLOCK, dx, scratch.acc);
+            let dx = scratch.block.rows.get_mut(..g.len()).unwrap_or(&mut []);
+            self.conv1.backward(inner, block * BLOCK, dx, scratch.block.acc);
             for (dx, mask) in dx.chunks_exact_mut(width).zip(masks.chunks_exact(words)) {
                 mask::gate(dx, mask);
             }

@@ -12,7 +12,7 @@ use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::{
     Anchor, Error, Fixed, Flow, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
-    Sampling, Source, planning, refining::Config,
+    Sampling, Source, StreamLimits, StreamPlan, planning, refining::Config,
 };
 
 /// An observer whose answer the optimiser cannot know.
@@ -66,6 +66,31 @@ fn serve(
         let motion = generator.generate(&request, &mut Watch(Flow::Continue)).map_err(Refused::Request)?;
         black_box((motion.frames(), motion.tokens(), motion.words(), motion.unknown_words()));
         hash ^= motion.hash();
+    }
+    let planned = Request::text(text).planned(Planning { fixed, ..Planning::DEFAULT });
+    Ok(hash ^ stream(&mut generator, tokens, &planned)?)
+}
+
+/// The same of a motion made piece by piece.
+#[inline(never)]
+fn stream(generator: &mut Generator<'_>, tokens: &[u16], planned: &Request<'_>) -> Result<u64, Refused> {
+    let planning = black_box(Some(planning::Limits { words: 8, steps: 10, guided: true }));
+    let limits = black_box(StreamLimits { tokens: tokens.len(), planning });
+    black_box(StreamPlan::new(generator.model(), &limits));
+    let mut stream = generator.stream(&limits).map_err(Refused::Request)?;
+    let mut hash = 0;
+    for last in black_box([false, true]) {
+        black_box((stream.room(), stream.frames_ahead(), stream.rebase()));
+        stream.push(tokens).map_err(Refused::Request)?;
+        let watch = &mut Watch(Flow::Continue);
+        let segment = if last { stream.plan_last(planned, watch) } else { stream.plan(planned, watch) };
+        black_box((segment.map_err(Refused::Request)?, stream.tokens()));
+        if last {
+            stream.finish();
+        }
+        while let Some(frames) = stream.frames(&mut Watch(Flow::Continue)).map_err(Refused::Request)? {
+            hash += black_box(frames).len() as u64;
+        }
     }
     Ok(hash)
 }

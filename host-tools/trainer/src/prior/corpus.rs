@@ -104,8 +104,7 @@ impl<'d> Corpus<'d> {
         for ((clip, mirrored), features) in all.iter().zip(parallel::map(&all, features)) {
             let features = tokenizer.normalization.apply(&features?);
             let encode = |first: usize| tokens(tokenizer, &network, &features[first * FEATURES..], &device);
-            let phases: Vec<Vec<u16>> =
-                (0..FRAMES_PER_TOKEN).map(encode).filter(|tokens| !tokens.is_empty()).collect();
+            let phases: Vec<Vec<u16>> = (0..FRAMES_PER_TOKEN).map(encode).filter(|tokens| !tokens.is_empty()).collect();
             let labels = &dataset.clips[*clip].labels;
             if let (Some(content), Some(style)) = (labels.get("content"), labels.get("style")) {
                 alike.entry((format!("{content} {style}"), *mirrored)).or_default().push(motions.len());

@@ -83,10 +83,8 @@ pub fn forward(a: &Architecture, weights: &Weights, batch: &[Example], dropout: 
     let mask = padding(&counts, window, device);
     let memory = weights.norm("text.norm", weights.blocks("text", text, x, mask.as_ref(), None, &mut dropout));
     // Mean over the words that are there, as a product with a row of shares.
-    let shares: Vec<f32> = counts
-        .iter()
-        .flat_map(|n| (0..window).map(move |i| if i < *n { 1.0 / *n as f32 } else { 0.0 }))
-        .collect();
+    let shares: Vec<f32> =
+        counts.iter().flat_map(|n| (0..window).map(move |i| if i < *n { 1.0 / *n as f32 } else { 0.0 })).collect();
     let shares: Tensor<3> = Tensor::from_data(TensorData::new(shares, [size, 1, window]), device);
     let pooled = shares.matmul(memory.clone());
     let length = weights.linear("text.length", pooled.clone());
@@ -98,9 +96,8 @@ pub fn forward(a: &Architecture, weights: &Weights, batch: &[Example], dropout: 
     let bins: Vec<usize> = batch.iter().map(|e| time_bin(e.t)).collect();
     let boundaries: Vec<usize> =
         batch.iter().map(|e| 2 * usize::from(e.start_open) + usize::from(e.end_open)).collect();
-    let global = weights.linear("planner.global", pooled)
-        + rows("planner.time", &bins)
-        + rows("planner.boundary", &boundaries);
+    let global =
+        weights.linear("planner.global", pooled) + rows("planner.time", &bins) + rows("planner.boundary", &boundaries);
     let tokens = padded(batch, window, 0, |e, i| e.z.get(i), |z| usize::from(*z));
     let places: Vec<usize> = (0..window).collect();
     let to_end = padded(batch, window, 0, |e, i| (e.z.len() - 1).checked_sub(i), |left| left);

@@ -125,9 +125,8 @@ impl<'d> Trainer<'d> {
         if !(tokens.loss + length.loss).is_finite() {
             return Err(Error::Diverged { step });
         }
-        let leaf = |values: Vec<f32>, like: &Tensor<3>| {
-            Tensor::<3>::from_data(TensorData::new(values, like.dims()), &device)
-        };
+        let leaf =
+            |values: Vec<f32>, like: &Tensor<3>| Tensor::<3>::from_data(TensorData::new(values, like.dims()), &device);
         let (by_tokens, by_length) = (leaf(by_tokens, &output.tokens), leaf(by_length, &output.length));
         let total = (output.tokens * by_tokens).sum() + (output.length * by_length).sum();
         let mut flat = vec![0.0; self.state.optimizer.values.len()];

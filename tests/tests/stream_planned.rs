@@ -1,0 +1,432 @@
+//! A motion planned piece by piece: each segment is what a request with its context given would make, seams are no rougher
+//! than the rest, and the observer may stop it anywhere.
+
+use motionette::hash::Stream;
+use motionette::planning::{self, PlanningError};
+use motionette::{
+    Error, Fixed, Flow, Generator, JOINTS, Length, Limits, Model, MotionStream, Observer, Plan, Planning, Progress,
+    Request, Segment, Stage, StreamLimits, StreamPlan,
+};
+use motionette_host::blob_file::BlobFile;
+use motionette_tests::tiny::{PriorShape, Shape, Tiny};
+
+const PAINT: u8 = 0xC3;
+/// Words of the longest prompt in use.
+const WORDS: usize = 5;
+
+fn tiny() -> Tiny {
+    Tiny::new(Shape::with_prior(), 31)
+}
+
+fn limits(model: &Model<'_>, steps: u16) -> StreamLimits {
+    let planning = planning::Limits { words: WORDS, steps, guided: true };
+    StreamLimits { tokens: model.max_tokens(), planning: Some(planning) }
+}
+
+/// Memory for streams and whole requests.
+fn memory(model: &Model<'_>, steps: u16) -> Vec<u8> {
+    let limits = limits(model, steps);
+    let whole = Limits { tokens: limits.tokens, anchors: 0, refinement: Default::default(), planning: limits.planning };
+    let bytes = StreamPlan::new(model, &limits).arena_bytes.max(Plan::for_request(model, &whole).arena_bytes);
+    vec![0; bytes + 16]
+}
+
+fn bits(frames: &[motionette::Frame]) -> impl Iterator<Item = u32> {
+    frames.iter().flatten().flatten().map(|v| v.to_bits())
+}
+
+fn drain(stream: &mut MotionStream<'_, '_>) -> Vec<u32> {
+    let mut joints = Vec::new();
+    while let Some(frames) = stream.frames(&mut ()).expect("nobody interrupts") {
+        joints.extend(bits(frames));
+    }
+    joints
+}
+
+/// The segments of a motion: prompt and length.
+const SEGMENTS: [(&str, u16); 6] =
+    [("a person waves", 4), ("run", 1), ("left hand", 7), ("a person waves", 13), ("run run run", 2), ("a hand", 5)];
+
+/// The tokens of [`SEGMENTS`], each made by a request of its own whose beginning is given.
+fn by_requests(generator: &mut Generator<'_>, window: usize, base: &Request<'_>) -> Vec<u16> {
+    let mut tokens: Vec<u16> = Vec::new();
+    for (k, (prompt, count)) in SEGMENTS.iter().enumerate() {
+        let context = tokens.len().min(window - usize::from(*count));
+        let before = tokens.len() - context;
+        let given: Vec<Fixed> =
+            tokens[before..].iter().enumerate().map(|(i, &token)| Fixed { position: i as u16, token }).collect();
+        let seed = base.planning.seed.wrapping_add((k as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let planning = Planning {
+            length: Length::Tokens(context as u16 + count),
+            seed,
+            fixed: &given,
+            start_open: before > 0,
+            end_open: k + 1 < SEGMENTS.len(),
+            ..base.planning
+        };
+        let request = Request::text(prompt).planned(planning);
+        let motion = generator.generate(&request, &mut ()).expect("the request is valid");
+        assert_eq!(motion.tokens()[..context], tokens[before..]);
+        tokens.extend(&motion.tokens()[context..]);
+    }
+    tokens
+}
+
+#[test]
+fn each_segment_is_what_a_request_with_its_context_given_makes() {
+    let tiny = tiny();
+    let model = Model::open(tiny.bytes()).unwrap();
+    let mut arena = memory(&model, 10);
+    let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
+    for (seed, guidance) in [(3, 2.0f32), (u64::MAX - 5, 1.0)] {
+        let base = Request::text("").seed(seed).guidance(guidance).steps(4);
+        let want = by_requests(&mut generator, model.max_tokens(), &base);
+        // However late frames are taken, as long as there is room for the next segment.
+        for eager in [true, false] {
+            let mut stream = generator.stream(&limits(&model, 4)).unwrap();
+            let (mut got, mut joints): (Vec<u16>, Vec<u32>) = (Vec::new(), Vec::new());
+            for (k, (prompt, count)) in SEGMENTS.iter().enumerate() {
+                let request =
+                    Request::text(prompt).planned(Planning { length: Length::Tokens(*count), ..base.planning });
+                while eager || stream.room() < usize::from(*count) {
+                    match stream.frames(&mut ()).unwrap() {
+                        Some(frames) => joints.extend(bits(frames)),
+                        None => break,
+                    }
+                }
+                let planned = if k + 1 < SEGMENTS.len() {
+                    stream.plan(&request, &mut ())
+                } else {
+                    stream.plan_last(&request, &mut ())
+                };
+                let Segment { tokens, heard } = planned.unwrap();
+                assert_eq!((tokens, usize::from(heard.words)), (usize::from(*count), prompt.split(' ').count()));
+                got.extend(&stream.tokens()[stream.tokens().len() - tokens..]);
+            }
+            assert_eq!(got, want);
+            assert_eq!(stream.plan(&Request::text("run"), &mut ()), Err(Error::Finished));
+            joints.extend(drain(&mut stream));
+            // The frames are those of the tokens, as another stream that is given them has them.
+            let mut stream = generator.stream(&StreamLimits { tokens: 8, planning: None }).unwrap();
+            let mut given = Vec::new();
+            for tokens in want.chunks(8) {
+                stream.push(tokens).unwrap();
+                given.extend(drain(&mut stream));
+            }
+            stream.finish();
+            given.extend(drain(&mut stream));
+            assert!(joints == given);
+        }
+    }
+}
+
+#[test]
+fn a_motion_that_was_pushed_is_continued_and_fixed_tokens_count_from_the_segment() {
+    let tiny = tiny();
+    let model = Model::open(tiny.bytes()).unwrap();
+    let mut arena = memory(&model, 10);
+    let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
+    let clip = [3u16, 1, 4, 1, 5];
+    let mut given: Vec<Fixed> =
+        clip.iter().enumerate().map(|(i, &token)| Fixed { position: i as u16, token }).collect();
+    given.push(Fixed { position: 7, token: 9 });
+    let request = Request::text("run").seed(8).steps(3);
+    let whole = Planning { length: Length::Tokens(9), fixed: &given, end_open: true, ..request.planning };
+    let want = generator.generate(&request.planned(whole), &mut ()).unwrap().tokens().to_vec();
+    assert_eq!(want[7], 9);
+
+    let mut stream = generator.stream(&limits(&model, 3)).unwrap();
+    stream.plan(&Request::tokens(&clip), &mut ()).unwrap();
+    let fixed = [Fixed { position: 2, token: 9 }];
+    stream.plan(&request.fixed(&fixed).length(Length::Frames(13)), &mut ()).unwrap();
+    assert_eq!(stream.tokens(), want);
+
+    // Without a length: half of what is remembered, at most what there is room for.
+    assert_eq!(stream.plan(&request, &mut ()).map(|s| s.tokens), Ok(4));
+    assert_eq!(stream.plan(&request, &mut ()), Err(Error::QueueFull { found: 1, room: 0 }));
+    drain(&mut stream);
+    assert_eq!(stream.plan(&request, &mut ()).map(|s| s.tokens), Ok(7));
+}
+
+#[test]
+fn the_arena_is_exactly_as_large_as_the_plan_says() {
+    let tiny = tiny();
+    let model = Model::open(tiny.bytes()).unwrap();
+    let limits = limits(&model, 2);
+    let planned = StreamPlan::new(&model, &limits).arena_bytes;
+    let mut words = vec![0u128; (planned + 4096) / 16];
+    let memory: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
+    let request = Request::text("a person waves left hand").length(Length::Tokens(6)).steps(2);
+    let run = |memory: &mut [u8]| -> Result<(), Error> {
+        let mut generator = Generator::new(model.clone(), memory)?;
+        let mut stream = generator.stream(&limits)?;
+        for _ in 0..4 {
+            stream.plan(&request, &mut ())?;
+            drain(&mut stream);
+        }
+        Ok(())
+    };
+    match run(&mut memory[..planned - 1]) {
+        Err(Error::Arena(e)) => assert_eq!((e.needed, e.available), (planned, planned - 1)),
+        other => panic!("one byte less must be refused, got {other:?}"),
+    }
+    memory.fill(PAINT);
+    assert_eq!(run(memory), Ok(()));
+    let high_water = memory.iter().rposition(|&b| b != PAINT).unwrap() + 1;
+    assert!(high_water <= planned && high_water + 16 > planned, "high-water {high_water}, planned {planned}");
+
+    // A longer prompt than was planned for.
+    let mut generator = Generator::new(model.clone(), &mut memory[..planned]).unwrap();
+    let mut stream = generator.stream(&limits).unwrap();
+    stream.push(&[1; 6]).unwrap();
+    let long = Request::text("a person waves left hand run").length(Length::Tokens(7)).steps(2);
+    assert!(
+        matches!(stream.plan(&long, &mut ()), Err(Error::Arena(e)) if e.needed > planned && e.available == planned)
+    );
+    assert_eq!(stream.tokens(), [1; 6]);
+    assert_eq!(stream.plan(&request, &mut ()).map(|s| s.tokens), Ok(6));
+}
+
+/// Wishes for something at call number `at`, and counts.
+struct At {
+    at: usize,
+    wish: Flow,
+    calls: usize,
+    stages: Vec<Stage>,
+}
+
+impl Observer for At {
+    fn progress(&mut self, progress: Progress) -> Flow {
+        self.calls += 1;
+        if self.stages.last() != Some(&progress.stage) {
+            self.stages.push(progress.stage);
+        }
+        if self.calls == self.at { self.wish } else { Flow::Continue }
+    }
+}
+
+#[test]
+fn stopped_at_any_observer_call_a_segment_can_be_planned_again() {
+    let tiny = tiny();
+    let model = Model::open(tiny.bytes()).unwrap();
+    let mut arena = memory(&model, 10);
+    let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
+    let request = |prompt| Request::text(prompt).seed(5).steps(3).length(Length::Tokens(4));
+    let good = generator.generate(&request("run"), &mut ()).unwrap().hash();
+    let run = |generator: &mut Generator<'_>, at: usize, wish: Flow| {
+        let mut observer = At { at, wish, calls: 0, stages: Vec::new() };
+        let mut stream = generator.stream(&limits(&model, 3)).unwrap();
+        let mut aborted = 0;
+        for prompt in ["a person waves", "run"] {
+            loop {
+                match stream.plan(&request(prompt), &mut observer) {
+                    Ok(segment) => {
+                        assert_eq!(segment.tokens, 4);
+                        break;
+                    }
+                    Err(Error::Aborted) => aborted += 1,
+                    Err(e) => panic!("{e}"),
+                }
+            }
+        }
+        let tokens = stream.tokens().to_vec();
+        stream.finish();
+        (tokens, drain(&mut stream).len(), aborted, observer)
+    };
+    let (want, joints, _, whole) = run(&mut generator, usize::MAX, Flow::Abort);
+    assert_eq!(whole.stages, [Stage::Reading, Stage::Planning, Stage::Reading, Stage::Planning]);
+    assert!(whole.calls > 20 && want.len() == 8 && joints == 8 * 4 * 3 * JOINTS);
+    for at in 1..=whole.calls {
+        let (tokens, _, aborted, _) = run(&mut generator, at, Flow::Abort);
+        assert_eq!((tokens, aborted), (want.clone(), 1), "aborted at call {at}");
+        let (tokens, all, aborted, observer) = run(&mut generator, at, Flow::Finish);
+        assert!(tokens.iter().all(|&t| t < 11) && observer.calls <= whole.calls);
+        assert_eq!((tokens.len(), all, aborted), (8, joints, 0), "finished at call {at}");
+        assert_eq!(generator.generate(&request("run"), &mut ()).map(|motion| motion.hash()), Ok(good));
+    }
+}
+
+#[test]
+fn bad_segments_are_typed_errors_and_the_motion_goes_on() {
+    let tiny = tiny();
+    let model = Model::open(tiny.bytes()).unwrap();
+    let mut arena = memory(&model, 10);
+    let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
+    let mut stream = generator.stream(&limits(&model, 2)).unwrap();
+    stream.push(&[1, 2, 3, 4]).unwrap();
+    let request = Request::text("run").steps(2).length(Length::Tokens(3));
+    let anchors = [motionette::Anchor::root(3, [0.0; 3])];
+    let behind = [Fixed { position: 3, token: 1 }];
+    let unknown = [Fixed { position: 0, token: 11 }];
+    let refused = [
+        (Request::embeddings(&[0.0; 6]), Error::NotInParts),
+        (request.through(&anchors), Error::NotInParts),
+        (request.length(Length::Tokens(0)), PlanningError::Length { found: 0, limit: 13 }.into()),
+        (request.length(Length::Tokens(14)), PlanningError::Length { found: 14, limit: 13 }.into()),
+        (request.length(Length::Tokens(10)), Error::QueueFull { found: 10, room: 9 }),
+        (request.steps(0), PlanningError::Steps { found: 0, limit: 1000 }.into()),
+        (request.fixed(&behind), PlanningError::FixedPosition { index: 0, position: 3, tokens: 3 }.into()),
+        (request.fixed(&unknown), PlanningError::FixedToken { index: 0, token: 11, codes: 11 }.into()),
+        (Request::tokens(&[11]), Error::TokenOutOfRange { index: 0, token: 11, codes: 11 }),
+    ];
+    for (request, error) in refused {
+        assert_eq!(stream.plan(&request, &mut ()), Err(error));
+        assert_eq!(stream.plan_last(&request, &mut ()), Err(error));
+    }
+    for request in [Request::text(""), Request::text("jump"), Request::bank("jump"), request.guidance(f32::NAN)] {
+        assert!(matches!(stream.plan(&request, &mut ()), Err(Error::Prompt(_) | Error::Planning(_))));
+    }
+    assert_eq!((stream.tokens(), stream.room()), (&[1u16, 2, 3, 4][..], 9));
+    assert!(stream.plan_last(&request, &mut ()).is_ok());
+    assert_eq!(drain(&mut stream).len(), 7 * 4 * 3 * JOINTS);
+
+    // A token that adds nothing is no code that the planner could see.
+    let mut stream = generator.stream(&limits(&model, 2)).unwrap();
+    stream.push(&[1, u16::MAX]).unwrap();
+    let error = PlanningError::FixedToken { index: 1, token: u16::MAX, codes: 11 };
+    assert_eq!(stream.plan(&request, &mut ()), Err(error.into()));
+
+    let silent =
+        Tiny::new(Shape { prior: Some(PriorShape { planned: false, ..PriorShape::default() }), ..Shape::default() }, 1);
+    let model = Model::open(silent.bytes()).unwrap();
+    let mut arena = vec![0; 1 << 20];
+    let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
+    assert_eq!(generator.stream(&limits(&model, 2)).map(|_| ()), Err(PlanningError::NoPlanner.into()));
+    let mut stream = generator.stream(&StreamLimits { tokens: 9, planning: None }).unwrap();
+    assert_eq!(stream.plan(&request, &mut ()), Err(PlanningError::NoPlanner.into()));
+}
+
+/// Segments of a motion, as issue and model card promise.
+const SEAMS_OF: usize = 20;
+/// Tokens of a segment.
+const LENGTH: usize = 8;
+/// Tokens the planner sees at once.
+const WINDOW: usize = 24;
+
+/// How rough a motion is at each of its token boundaries: the largest second difference within two tokens' reach of root
+/// position (m), heading (rad) and joints relative to the root (m, mean over joints), each a frame squared.
+fn roughness(frames: &[motionette::Frame], per_token: usize) -> Vec<[f64; 3]> {
+    let heading = |f: &motionette::Frame| {
+        let (left, right) = (f[1], f[2]);
+        f64::from(left[2] - right[2]).atan2(f64::from(left[0] - right[0]))
+    };
+    let turn = |a: f64, b: f64| (b - a).sin().atan2((b - a).cos());
+    let second: Vec<[f64; 3]> = frames
+        .windows(3)
+        .map(|w| {
+            let at = |j: usize| -> [f64; 3] {
+                std::array::from_fn(|axis| w.iter().zip([1.0, -2.0, 1.0]).map(|(f, c)| c * f64::from(f[j][axis])).sum())
+            };
+            let root = at(0);
+            let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let relative = |j: usize| norm(std::array::from_fn(|axis| at(j)[axis] - root[axis]));
+            let angles: Vec<f64> = w.iter().map(heading).collect();
+            let bend = turn(turn(angles[0], angles[1]), turn(angles[1], angles[2])).abs();
+            [norm(root), bend, (1..JOINTS).map(relative).sum::<f64>() / (JOINTS - 1) as f64]
+        })
+        .collect();
+    let boundary = |token: usize| {
+        let frame = token * per_token;
+        let near = &second[frame.saturating_sub(per_token + 1)..(frame + per_token - 1).min(second.len())];
+        std::array::from_fn(|k| near.iter().map(|s| s[k]).fold(0.0, f64::max))
+    };
+    (1..frames.len() / per_token).map(|token| boundary(token)).collect()
+}
+
+/// Share of random choices of boundaries inside segments, as many as there are seams, whose mean is at least that at
+/// the seams: small where seams are rougher.
+fn chance(motions: &[Vec<[f64; 3]>], random: &mut Stream) -> [f64; 3] {
+    std::array::from_fn(|k| {
+        let (mut seams, mut inside) = (Vec::new(), Vec::new());
+        for boundaries in motions {
+            // Boundary i lies before token i + 1. The outermost segments are left out: motions start and end there.
+            for token in LENGTH..(SEAMS_OF - 1) * LENGTH + 1 {
+                let value = boundaries[token - 1][k];
+                match token % LENGTH {
+                    0 => seams.push(value),
+                    1 => {}
+                    last if last == LENGTH - 1 => {}
+                    _ => inside.push(value),
+                }
+            }
+        }
+        let mean = seams.iter().sum::<f64>() / seams.len() as f64;
+        let draws = 4000;
+        let rougher = (0..draws).filter(|_| {
+            let sum: f64 = seams.iter().map(|_| inside[random.below(inside.len() as u32) as usize]).sum();
+            sum / seams.len() as f64 >= mean
+        });
+        let share = rougher.count() as f64 / f64::from(draws);
+        let others = inside.iter().sum::<f64>() / inside.len() as f64;
+        println!("  measure {k}: {mean:.5} at {} seams, {others:.5} inside; chance {share}", seams.len());
+        share
+    })
+}
+
+/// The whole motion of `tokens`.
+fn play(generator: &mut Generator<'_>, tokens: &[u16]) -> Vec<motionette::Frame> {
+    let mut stream = generator.stream(&StreamLimits { tokens: LENGTH, planning: None }).unwrap();
+    let mut frames = Vec::new();
+    for tokens in tokens.chunks(LENGTH) {
+        stream.push(tokens).unwrap();
+        while let Some(more) = stream.frames(&mut ()).unwrap() {
+            frames.extend_from_slice(more);
+        }
+    }
+    stream.finish();
+    while let Some(more) = stream.frames(&mut ()).unwrap() {
+        frames.extend_from_slice(more);
+    }
+    frames
+}
+
+#[test]
+fn no_seam_shows_across_twenty_segments() {
+    let path = std::env::var_os("MOTIONETTE_BLOB")
+        .unwrap_or_else(|| concat!(env!("CARGO_MANIFEST_DIR"), "/../models/nano.blob").into());
+    let file = BlobFile::open(path.as_ref()).expect("the model opens");
+    let model = file.model().expect("opened before");
+    if model.planning().is_none() {
+        eprintln!("skipped: the bundled model has no planner");
+        return;
+    }
+    let planning = planning::Limits { words: 8, steps: 10, guided: true };
+    let limits = StreamLimits { tokens: WINDOW, planning: Some(planning) };
+    let mut arena = vec![0u8; 1 << 20];
+    let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
+    let prompts = ["a person walks", "a person dances", "a person waves the right hand", "a person runs"];
+    let (mut streamed, mut apart) = (Vec::new(), Vec::new());
+    for (seed, prompt) in prompts.iter().enumerate() {
+        let request = Request::text(prompt).length(Length::Tokens(LENGTH as u16)).seed(100 + seed as u64);
+        let mut stream = generator.stream(&limits).unwrap();
+        let mut frames = Vec::new();
+        for _ in 0..SEAMS_OF {
+            stream.plan(&request, &mut ()).unwrap();
+            while let Some(more) = stream.frames(&mut ()).unwrap() {
+                frames.extend_from_slice(more);
+            }
+        }
+        stream.finish();
+        while let Some(more) = stream.frames(&mut ()).unwrap() {
+            frames.extend_from_slice(more);
+        }
+        assert_eq!(frames.len(), SEAMS_OF * LENGTH * model.frames_per_token());
+        streamed.push(roughness(&frames, model.frames_per_token()));
+        // The same without looking back: what the test must notice.
+        let mut tokens = Vec::new();
+        for k in 0..SEAMS_OF as u64 {
+            let planning =
+                Planning { start_open: true, end_open: true, seed: 1000 * seed as u64 + k, ..request.planning };
+            tokens.extend(generator.generate(&request.planned(planning), &mut ()).unwrap().tokens());
+        }
+        apart.push(roughness(&play(&mut generator, &tokens), model.frames_per_token()));
+    }
+    let mut random = Stream::new(9);
+    println!("streamed:");
+    let streamed = chance(&streamed, &mut random);
+    println!("planned apart:");
+    let apart = chance(&apart, &mut random);
+    // Three measures at a level of one in a hundred in all.
+    assert!(streamed.iter().all(|p| *p > 0.01 / 3.0), "seams are rougher than what lies between them: {streamed:?}");
+    assert!(apart.iter().any(|p| *p < 0.01 / 3.0), "the test would not notice a seam: {apart:?}");
+}
