@@ -279,7 +279,7 @@ fn the_first_step_of_whole_requests_has_the_marginals_of_the_sampler() {
     let width = usize::from(tiny.shape.code_width);
     let base = Request::text("a person waves").length(Length::Tokens(1)).guidance(1.0).steps(2);
     // P(z_1) = 1/V sum over z_0 and proposals of p(proposal | z_0) P(z_0 -> z_1 | proposal).
-    let expected = |temperature: f64, a: f64| {
+    let expected = |temperature: f64, c: f64| {
         let mut p = vec![0.0; 5];
         for z in 0..5u16 {
             let limits = Limits { words: 3, steps: 1, guided: false };
@@ -290,7 +290,7 @@ fn the_first_step_of_whole_requests_has_the_marginals_of_the_sampler() {
                 session.logits(0).iter().map(|&v| f64::from(v) / temperature).collect()
             });
             for (proposal, share) in naive_prior::softmax(&logits).into_iter().enumerate() {
-                let beta = |t: f64| naive_prior::beta(t, 3.0, a);
+                let beta = |t: f64| naive_prior::beta(t, c, 0.9);
                 let pair = (usize::from(z), proposal);
                 let to = naive_prior::transition(&tiny.codes, width, pair, (0.0, 0.5), beta);
                 for (p, to) in p.iter_mut().zip(to) {
@@ -316,7 +316,7 @@ fn the_first_step_of_whole_requests_has_the_marginals_of_the_sampler() {
         let sampled = counts(Sampling::Sample { temperature, top_k: 0, top_p: 1.0 });
         let gumbel = counts(Sampling::Gumbel { temperature });
         for counts in [sampled, gumbel] {
-            let right = refusal(&counts, &expected(f64::from(temperature), 0.9));
+            let right = refusal(&counts, &expected(f64::from(temperature), 3.0));
             assert!(right < 1.0, "{temperature}: {right}");
             let wrong = refusal(&counts, &expected(f64::from(temperature), 0.3));
             assert!(wrong > 1.0, "{temperature}: a wrong beta is not noticed ({wrong})");

@@ -247,7 +247,7 @@ pub fn names_checkpoint(blob: &BlobFile, hash: &str) -> Result<bool, Error> {
 pub struct RuntimeMotion {
     /// Embeddings `[L][du]` it was decoded from.
     pub u: Vec<f32>,
-    /// Tokens it was made of; empty when it was made from embeddings.
+    /// Tokens `[L][Q]` it was decoded from; empty for embeddings.
     pub tokens: Vec<u16>,
     /// Joints, metres.
     pub joints: Vec<Pose>,

@@ -4,6 +4,8 @@
 //! |---|---|
 //! | [`tokenizer`] | the motion tokenizer: a VQ-VAE |
 //! | [`prior`] | text encoder and planner: tokens from text |
+//! | [`evaluator`] | the judge of generated motion |
+//! | [`evaluate`] | tables of figures of generated motion |
 //! | [`convolution`], [`transformer`] | layers on the framework |
 //! | [`optimizer`] | AdamW with averaged weights |
 //! | [`schedule`] | learning rate, end of a run |
@@ -20,6 +22,8 @@
 
 pub mod chart;
 pub mod convolution;
+pub mod evaluate;
+pub mod evaluator;
 pub mod normalization;
 pub mod optimizer;
 pub mod prior;

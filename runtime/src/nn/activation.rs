@@ -3,6 +3,7 @@
 use crate::blob::Activation;
 
 /// `x <- f(x)`: ReLU, or GELU in its exact form `x/2 (1 + erf(x / sqrt 2))`.
+#[inline(never)]
 pub fn apply(activation: Activation, x: &mut [f32]) {
     match activation {
         Activation::Relu => {

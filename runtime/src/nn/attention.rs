@@ -71,6 +71,7 @@ impl SegmentMut<'_> {
     }
 }
 
+#[inline(never)]
 fn put(heads: Heads, rows: usize, row: usize, x: &[f32], q: &mut [i8], scales: &mut [f32]) {
     for (head, x) in x.chunks_exact(heads.width.max(1)).enumerate() {
         let at = head * rows + row;

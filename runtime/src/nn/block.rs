@@ -160,6 +160,7 @@ impl<'w> Scratch<'w> {
     }
 
     /// `out [R][N]` of `x [R][K]`, at most [`BLOCK`] rows.
+    #[inline(never)]
     pub fn linear(&mut self, layer: &Linear<'_>, x: &[f32], out: &mut [f32]) {
         let rows = quantised(x, layer.inputs(), self.q, self.scales);
         layer.forward(rows, out, self.attention.acc);
@@ -167,6 +168,7 @@ impl<'w> Scratch<'w> {
 }
 
 /// Quantises at most [`BLOCK`] rows.
+#[inline(never)]
 fn quantised<'q>(x: &[f32], width: usize, q: &'q mut [i16], scales: &'q mut [f32]) -> Rows<'q> {
     quantise::rows(x, width, quantise::limit(width), q, scales);
     let rows = x.len() / width.max(1);
@@ -176,6 +178,7 @@ fn quantised<'q>(x: &[f32], width: usize, q: &'q mut [i16], scales: &'q mut [f32
 impl<'a> Block<'a> {
     /// Reads a block from the next tensors; with `memory`, the width of the rows that it attends to, it has
     /// cross-attention.
+    #[inline(never)]
     fn open(tensors: &mut Tensors<'a>, config: TransformerConfig, memory: Option<u16>) -> Result<Self, Error> {
         let TransformerConfig { width, hidden, epsilon, .. } = config;
         let norm1 = LayerNorm::open(tensors, width, epsilon)?;
@@ -202,6 +205,7 @@ impl<'a> Block<'a> {
 
     /// A bound of `|x|` behind the block when `|x| <= bound` before it and `|memory| <= memory`; `None` where a number
     /// on the way could leave the range that its successor takes.
+    #[inline(never)]
     fn bound(&self, bound: f32, memory: f32) -> Option<f32> {
         let within = |bound: f32| if bound < MAX_INPUT { Some(bound) } else { None };
         let post = self.config.norm == Norm::Post;

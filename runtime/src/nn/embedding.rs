@@ -18,6 +18,7 @@ impl<'a> Embedding<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
+    #[inline(never)]
     pub fn open(tensors: &mut Tensors<'a>, rows: u16, width: u16) -> Result<Self, Error> {
         let weights = tensors.take()?.bytes([1, rows, width])?;
         Ok(Embedding { width: usize::from(width), weights, scales: tensors.take()?.scales(rows)? })
@@ -43,6 +44,7 @@ impl<'a> Embedding<'a> {
 }
 
 /// Largest magnitude of `w[r][k] * s[r]`.
+#[inline(never)]
 pub(super) fn largest(weights: &[i8], scales: &[f32], width: usize) -> f32 {
     let mut bound = 0.0;
     for (weights, scale) in weights.chunks_exact(width.max(1)).zip(scales) {
@@ -53,6 +55,7 @@ pub(super) fn largest(weights: &[i8], scales: &[f32], width: usize) -> f32 {
 }
 
 /// `x[k] += w[k] * scale`.
+#[inline(never)]
 pub fn add_row((weights, scale): (&[i8], f32), x: &mut [f32]) {
     for (x, w) in x.iter_mut().zip(weights) {
         *x += f32::from(*w) * scale;

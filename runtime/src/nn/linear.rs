@@ -26,6 +26,7 @@ impl<'a> Linear<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
+    #[inline(never)]
     pub fn open(tensors: &mut Tensors<'a>, inputs: u16, outputs: u16) -> Result<Self, Error> {
         Ok(Linear {
             inputs: usize::from(inputs),
@@ -72,6 +73,7 @@ impl<'a> Linear<'a> {
 
     /// A bound of `|y|` when `|x| <= input` (row norms of the weights).
     #[must_use]
+    #[inline(never)]
     pub fn bound(&self, input: f32) -> f32 {
         let mut bound = 0.0;
         let rows = self.weights.chunks_exact(self.inputs.max(1)).zip(self.scales).zip(self.biases);
@@ -88,6 +90,7 @@ impl<'a> Linear<'a> {
     }
 
     /// `out [R][N]` of `x [R][K]`. `acc` has room for [`BLOCK`] `* N`.
+    #[inline(never)]
     pub fn forward(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
         let width = self.outputs.max(1);
         for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {

@@ -21,51 +21,51 @@ impl<'a> LayerNorm<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of a tensor that is missing, of another shape, or not finite.
+    #[inline(never)]
     pub fn open(tensors: &mut Tensors<'a>, width: u16, epsilon: f32) -> Result<Self, Error> {
         Ok(LayerNorm { weight: tensors.take()?.singles(width)?, bias: tensors.take()?.singles(width)?, epsilon })
     }
 
     /// A bound of `|y|` for any input: `sqrt(d) max |weight| + max |bias|`.
     #[must_use]
+    #[inline(never)]
     pub fn bound(&self) -> f32 {
         let largest = |values: &[f32]| values.iter().fold(0.0, |largest, v| larger(largest, v.abs()));
         libm::sqrtf(self.weight.len() as f32) * largest(self.weight) + largest(self.bias)
     }
 
-    /// Normalises `rows x [R][d]` into `out [R][d]`.
+    /// Normalises rows `x [R][d]` into `out [R][d]`.
     pub fn forward(&self, x: &[f32], out: &mut [f32]) {
-        let width = self.weight.len().max(1);
-        for (x, out) in x.chunks_exact(width).zip(out.chunks_exact_mut(width)) {
-            let (mean, factor) = self.moments(x);
-            for ((y, x), (weight, bias)) in out.iter_mut().zip(x).zip(self.weight.iter().zip(self.bias)) {
-                *y = (*x - mean) * factor * *weight + *bias;
-            }
+        for (to, from) in out.iter_mut().zip(x) {
+            *to = *from;
         }
+        self.forward_in_place(out);
     }
 
     /// The same in place.
+    #[inline(never)]
     pub fn forward_in_place(&self, x: &mut [f32]) {
         for x in x.chunks_exact_mut(self.weight.len().max(1)) {
-            let (mean, factor) = self.moments(x);
+            let (mean, factor) = moments(x, self.epsilon);
             for (x, (weight, bias)) in x.iter_mut().zip(self.weight.iter().zip(self.bias)) {
                 *x = (*x - mean) * factor * *weight + *bias;
             }
         }
     }
+}
 
-    /// Mean of a row, and `1 / sqrt(var + eps)`.
-    fn moments(&self, x: &[f32]) -> (f32, f32) {
-        let count = x.len() as f32;
-        let mut sum = 0.0;
-        for x in x {
-            sum += *x;
-        }
-        let mean = sum / count;
-        let mut squares = 0.0;
-        for x in x {
-            let d = *x - mean;
-            squares += d * d;
-        }
-        (mean, 1.0 / libm::sqrtf(squares / count + self.epsilon))
+/// Mean of a row, and `1 / sqrt(var + eps)`.
+fn moments(x: &[f32], epsilon: f32) -> (f32, f32) {
+    let count = x.len() as f32;
+    let mut sum = 0.0;
+    for x in x {
+        sum += *x;
     }
+    let mean = sum / count;
+    let mut squares = 0.0;
+    for x in x {
+        let d = *x - mean;
+        squares += d * d;
+    }
+    (mean, 1.0 / libm::sqrtf(squares / count + epsilon))
 }

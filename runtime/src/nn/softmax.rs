@@ -1,6 +1,7 @@
 //! Softmax in f32: largest first taken off, exponentials summed in order.
 
 /// `x[i] <- exp(x[i] - max) / sum_j exp(x[j] - max)`.
+#[inline(never)]
 pub fn softmax(x: &mut [f32]) {
     let sum = exponentials(x);
     for x in x {
@@ -9,6 +10,7 @@ pub fn softmax(x: &mut [f32]) {
 }
 
 /// `x[i] <- exp(x[i] - max)`; returns their sum, at least 1 for finite inputs.
+#[inline(never)]
 pub fn exponentials(x: &mut [f32]) -> f32 {
     let mut largest = f32::NEG_INFINITY;
     for v in x.iter() {

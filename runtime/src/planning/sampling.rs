@@ -86,6 +86,7 @@ impl Sampling {
     }
 
     /// Chooses a token. Overwrites `logits` for its own purposes.
+    #[inline(never)]
     pub fn propose(&self, logits: &mut [f32], stream: &mut Stream) -> u16 {
         let chosen = match *self {
             Sampling::Greedy => largest(logits.iter().copied()),
@@ -129,6 +130,7 @@ fn above(values: &[f32], least: f32) -> impl Iterator<Item = f32> {
 }
 
 /// Their sum, in order.
+#[inline(never)]
 fn mass(values: &[f32], least: f32) -> f32 {
     let mut sum = 0.0;
     for p in above(values, least) {
@@ -158,6 +160,7 @@ fn cut(p: &mut [f32], enough: impl Fn(&[f32], f32) -> bool) {
 }
 
 /// The token at which the running sum of `weights` passes `unit * sum`; the last one with any weight at the end.
+#[inline(never)]
 pub(super) fn draw(weights: &[f32], sum: f32, unit: f32) -> usize {
     let target = unit * sum;
     let (mut running, mut last) = (0.0, 0);

@@ -77,6 +77,7 @@ impl<'w> Metric<'w> {
     }
 
     /// `dist(i, x)` for all `i`, into `out [V]`; 0 for `x` itself.
+    #[inline(never)]
     pub fn distances(&self, x: u16, out: &mut [f32]) {
         let x = usize::from(x);
         let of = self.units.get(x * self.width..(x + 1) * self.width).unwrap_or(&[]);

@@ -2,7 +2,7 @@
 
 use motionette::blob::{HEADER_LEN, Header};
 use motionette::hash::Stream;
-use motionette::{Anchor, Generator, Model, Request, refining::Config};
+use motionette::{Anchor, Generator, Model, Prompt, Request, refining::Config};
 
 use super::Tally;
 use crate::tiny::Tiny;
@@ -51,6 +51,13 @@ pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), S
     let refined = Request::tokens(&tokens).through(&anchors).refined(Config::fast(3));
     for request in [Request::tokens(&tokens), refined] {
         super::requests::serve(&mut generator, &request, &mut (), tally)?;
+    }
+    if generator.model().text().is_some() {
+        let base = Request { planning: super::requests::planning(random, &[]), ..Request::text("a person runs left") };
+        let bank = Request { planning: base.planning, ..Request::prompt(Prompt::Bank("wave")) };
+        for request in [base, bank, base.through(&anchors).refined(Config::fast(2))] {
+            super::requests::serve(&mut generator, &request, &mut (), tally)?;
+        }
     }
     let _ = generator.self_test();
     Ok(())

@@ -11,18 +11,41 @@ pub mod requests;
 
 use std::panic::{self, AssertUnwindSafe};
 
+use motionette::blob::{Activation, Norm, TransformerConfig};
 use motionette::hash::Stream;
 
-use crate::tiny::{Shape, Tiny};
+use crate::tiny::{PriorShape, Shape, Tiny};
 
 /// Largest blob of the corpus, bytes.
-pub const MAX_BLOB: usize = 8 * 1024;
+pub const MAX_BLOB: usize = 16 * 1024;
 
 /// Small models of different shapes, each under [`MAX_BLOB`] bytes, with a name.
 #[must_use]
 pub fn corpus() -> Vec<(&'static str, Tiny)> {
     let base = Shape { width: 2, code_width: 2, codes: 5, dilations: vec![1], wide: 0, ..Shape::default() };
+    let block = TransformerConfig {
+        width: 4,
+        heads: 2,
+        layers: 1,
+        hidden: 3,
+        norm: Norm::Pre,
+        activation: Activation::Gelu,
+        epsilon: 1e-5,
+    };
+    let post = TransformerConfig { width: 2, heads: 1, norm: Norm::Post, activation: Activation::Relu, ..block };
+    let prior = PriorShape {
+        text: block,
+        planner: TransformerConfig { width: 6, heads: 3, layers: 2, ..block },
+        ..PriorShape::default()
+    };
+    let bank = vec![("<none>", 1), ("wave", 2)];
+    let stored = PriorShape { words: vec![], bank, text: post, planner: post, ..prior.clone() };
+    let unplanned = PriorShape { planned: false, ..prior.clone() };
+    let with = |prior: PriorShape| Shape { max_tokens: 6, prior: Some(prior), ..base.clone() };
     let shapes = [
+        ("planner", with(prior)),
+        ("stored-prompts", with(stored)),
+        ("text-without-planner", with(unplanned)),
         ("narrow", base.clone()),
         ("wide-rows", Shape { wide: 4, ..base.clone() }),
         ("all-wide", Shape { width: 1, wide: 263, ..base.clone() }),
@@ -30,7 +53,7 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
         ("published-dilations", Shape { dilations: vec![9, 3, 1], stages: 1, ..base.clone() }),
         ("one-stage", Shape { stages: 1, code_width: 5, ..base.clone() }),
         ("three-stages", Shape { stages: 3, max_tokens: 24, ..base.clone() }),
-        ("one-token", Shape { max_tokens: 1, codes: 1, ..base }),
+        ("one-token", Shape { max_tokens: 1, codes: 1, ..base.clone() }),
     ];
     shapes.into_iter().enumerate().map(|(seed, (name, shape))| (name, Tiny::new(shape, seed as u64))).collect()
 }

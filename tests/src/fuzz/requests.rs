@@ -3,7 +3,10 @@
 
 use motionette::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
-use motionette::{Anchor, Error, Flow, Generator, Limits, Model, Observer, Plan, Progress, Request, Source, Target};
+use motionette::{
+    Anchor, Error, Fixed, Flow, Generator, Length, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
+    Sampling, Schedule, Source, Target,
+};
 
 use super::Tally;
 use crate::tiny::Tiny;
@@ -44,8 +47,16 @@ pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), S
     let u: Vec<f32> = (0..length(random, &model, model.decoder().code_width()))
         .map(|_| number(random, model.embedding_limit()))
         .collect();
-    let source = if random.below(3) == 0 { Source::Embeddings(&u) } else { Source::Tokens(&tokens) };
-    let request = Request { source, anchors: &anchors, refinement };
+    let text = prompt(random);
+    let fixed: Vec<Fixed> = (0..random.below(4)).map(|_| given(random, &model)).collect();
+    let source = match random.below(if model.text().is_some() { 8 } else { 5 }) {
+        0 | 1 => Source::Tokens(&tokens),
+        2 | 3 => Source::Embeddings(&u),
+        4 if random.below(4) > 0 => Source::Text(Prompt::Bank(&text)),
+        _ => Source::Text(Prompt::Text(&text)),
+    };
+    let planning = planning(random, &fixed);
+    let request = Request { source, anchors: &anchors, refinement, planning };
 
     let whole = least + random.below(1 << 20) as usize;
     let size = if random.below(4) == 0 { least + random.below(4096) as usize } else { whole };
@@ -86,6 +97,7 @@ pub fn serve(
 ) -> Result<(), String> {
     let plan = generator.plan(request);
     let (width, per_token) = (generator.model().decoder().code_width(), generator.model().frames_per_token());
+    let (codes, quantizers) = (generator.model().codebooks().codes(), generator.model().codebooks().quantizers());
     match generator.generate(request, observer) {
         Ok(motion) => {
             tally.motions += 1;
@@ -101,6 +113,19 @@ pub fn serve(
             let tokens = motion.u().len() / width.max(1);
             if motion.frames().len() != tokens * per_token {
                 return Err(format!("{} frames from {tokens} tokens", motion.frames().len()));
+            }
+            let each = quantizers;
+            if !matches!(request.source, Source::Embeddings(_)) && motion.tokens().len() != tokens * each {
+                return Err(format!("{} tokens of {tokens} positions", motion.tokens().len()));
+            }
+            if matches!(request.source, Source::Text(_)) {
+                if motion.tokens().iter().any(|&token| usize::from(token) >= codes) {
+                    return Err("a token that the codebook does not have".to_owned());
+                }
+                let kept = |f: &Fixed| motion.tokens().get(usize::from(f.position)) == Some(&f.token);
+                if !request.planning.fixed.iter().all(kept) {
+                    return Err("a given token was changed".to_owned());
+                }
             }
             match motion.joints().iter().chain(motion.u()).position(|v| !v.is_finite()) {
                 Some(at) => Err(format!("number {at} of the motion is not finite")),
@@ -208,5 +233,82 @@ fn config(random: &mut Stream) -> Config {
         memory: [0, 1, 5, 255][random.below(4) as usize],
         seed: random.next_u32(),
         ..base
+    }
+}
+
+/// Pieces of prompts: words of the small models and of none, separators, and what is no ASCII.
+const PIECES: [&str; 20] = [
+    "a",
+    "person",
+    "waves",
+    "Waving",
+    "runs",
+    "running",
+    "left",
+    "hand's",
+    "zebra",
+    " ",
+    "  ",
+    ",",
+    "\n",
+    "'",
+    "naïve",
+    "歩く",
+    "<none>",
+    "<unknown>",
+    "\u{1F600}",
+    "wave",
+];
+
+fn prompt(random: &mut Stream) -> String {
+    let piece = |random: &mut Stream| PIECES[random.below(PIECES.len() as u32) as usize];
+    match random.below(12) {
+        0 => String::new(),
+        1 => "wave".to_owned(),
+        2 => piece(random).repeat(random.below(3000) as usize),
+        3 => (0..random.below(40)).map(|_| char::from_u32(random.below(0x3000)).unwrap_or('\u{FFFD}')).collect(),
+        4 => "<none>".to_owned(),
+        _ => {
+            let words: Vec<&str> = (0..random.below(6)).map(|_| piece(random)).collect();
+            format!("a {}", words.join(" "))
+        }
+    }
+}
+
+/// A token to be fixed, mostly one that can be.
+fn given(random: &mut Stream, model: &Model<'_>) -> Fixed {
+    let strange = random.below(20) == 0;
+    let positions = if strange { 0x1_0000 } else { 4.min(model.max_tokens() as u32) };
+    let codes = if random.below(20) == 0 { 0x1_0000 } else { model.codebooks().codes() as u32 };
+    Fixed { position: random.below(positions) as u16, token: random.below(codes) as u16 }
+}
+
+/// A plan, mostly one that can be carried out.
+pub fn planning<'f>(random: &mut Stream, fixed: &'f [Fixed]) -> Planning<'f> {
+    let mut strange = |usual: f32| match random.below(20) {
+        0 => NUMBERS[random.below(NUMBERS.len() as u32) as usize],
+        _ => usual,
+    };
+    let (guidance, temperature, top_p) = (strange(2.0), strange(0.8), strange(0.9));
+    let length = match random.below(8) {
+        0 => Length::Tokens(random.next_u32() as u16),
+        1 => Length::Tokens(1 + random.below(6) as u16),
+        2 => Length::Frames(random.below(40) as u16),
+        _ => Length::Predicted,
+    };
+    Planning {
+        length,
+        seed: u64::from(random.next_u32()),
+        steps: if random.below(20) == 0 { random.next_u32() as u16 % 1200 } else { 1 + random.below(4) as u16 },
+        schedule: if random.below(2) == 0 { Schedule::Uniform } else { Schedule::Cosine },
+        guidance: if random.below(3) == 0 { 1.0 } else { guidance },
+        sampling: match random.below(3) {
+            0 => Sampling::Greedy,
+            1 => Sampling::Gumbel { temperature },
+            _ => Sampling::Sample { temperature, top_k: random.below(7) as u16, top_p },
+        },
+        fixed: if random.below(3) == 0 { fixed } else { &[] },
+        start_open: random.below(2) == 0,
+        end_open: random.below(2) == 0,
     }
 }

@@ -11,8 +11,8 @@ use core::{hint::black_box, panic::PanicInfo};
 use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::{
-    Anchor, Error, Flow, Generator, Limits, Model, Observer, Plan, Progress, Request, Source, StreamLimits, StreamPlan,
-    refining::Config,
+    Anchor, Error, Fixed, Flow, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
+    Sampling, Source, StreamLimits, StreamPlan, planning, refining::Config,
 };
 
 /// An observer whose answer the optimiser cannot know.
@@ -23,47 +23,79 @@ impl Observer for Watch {
         black_box(progress);
         black_box(self.0)
     }
+
+    fn tokens(&mut self, step: u16, tokens: &[u16]) {
+        black_box((step, tokens));
+    }
 }
 
 /// Everything a firmware may ask for.
 #[inline(never)]
-fn serve(blob: &[u8], arena: &mut [u8], tokens: &[u16], u: &[f32], anchors: &[Anchor]) -> Result<u64, Refused> {
+fn serve(
+    blob: &[u8],
+    arena: &mut [u8],
+    tokens: &[u16],
+    u: &[f32],
+    anchors: &[Anchor],
+    (text, fixed): (&str, &[Fixed]),
+) -> Result<u64, Refused> {
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
-    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning: None };
+    let planning = black_box(Some(planning::Limits { words: text.len(), steps: 10, guided: true }));
+    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning };
     black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
     black_box(generator.self_test().map_err(Refused::Request)?);
-    let sources = [Source::Tokens(tokens), Source::Embeddings(u)];
+    let sources = [
+        Source::Tokens(tokens),
+        Source::Embeddings(u),
+        Source::Text(Prompt::Text(text)),
+        Source::Text(Prompt::Bank(text)),
+    ];
+    let samplings = [
+        Sampling::Greedy,
+        Sampling::Sample { temperature: 1.0, top_k: 5, top_p: 0.9 },
+        Sampling::Gumbel { temperature: 1.0 },
+    ];
     let mut hash = 0;
     for source in black_box(sources) {
-        let request = Request { source, anchors, refinement: black_box(Some(refinement)) };
+        let [sampling, ..] = black_box(samplings);
+        let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
+        let request = Request { source, anchors, refinement: black_box(Some(refinement)), planning };
         black_box(generator.plan(&request).map_err(Refused::Request)?);
         let motion = generator.generate(&request, &mut Watch(Flow::Continue)).map_err(Refused::Request)?;
-        black_box(motion.frames());
+        black_box((motion.frames(), motion.tokens(), motion.words(), motion.unknown_words()));
         hash ^= motion.hash();
     }
-    Ok(hash ^ stream(&mut generator, tokens)?)
-}
-
-/// The same of a motion made piece by piece.
-#[inline(never)]
-fn stream(generator: &mut Generator<'_>, tokens: &[u16]) -> Result<u64, Refused> {
-    let limits = black_box(StreamLimits { tokens: tokens.len() });
+    let limits = black_box(StreamLimits { tokens: tokens.len(), planning });
     black_box(StreamPlan::new(generator.model(), &limits));
-    let mut stream = generator.stream(&limits).map_err(Refused::Request)?;
-    let mut hash = 0;
-    for last in black_box([false, true]) {
-        black_box((stream.room(), stream.frames_ahead(), stream.rebase()));
-        stream.push(tokens).map_err(Refused::Request)?;
-        if last {
-            stream.finish();
-        }
-        while let Some(frames) = stream.frames(&mut Watch(Flow::Continue)).map_err(Refused::Request)? {
-            hash += black_box(frames).len() as u64;
-        }
+    for source in black_box(sources) {
+        let [sampling, ..] = black_box(samplings);
+        let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
+        let request = black_box(Request { source, anchors, refinement: None, planning });
+        hash ^= stream(&mut generator, &limits, &request)?;
     }
     Ok(hash)
+}
+
+/// A motion made piece by piece.
+#[inline(never)]
+fn stream(generator: &mut Generator<'_>, limits: &StreamLimits, request: &Request<'_>) -> Result<u64, Refused> {
+    let mut stream = generator.stream(limits).map_err(Refused::Request)?;
+    let mut frames = 0;
+    for last in black_box([false, true]) {
+        black_box((stream.room(), stream.frames_ahead(), stream.rebase()));
+        let watch = &mut Watch(Flow::Continue);
+        let planned = if last { stream.plan_last(request, watch) } else { stream.plan(request, watch) };
+        black_box(planned.map_err(Refused::Request)?);
+        black_box(stream.push(black_box(&[0])).map_err(Refused::Request)?);
+        black_box(stream.tokens());
+        while let Some(piece) = stream.frames(watch).map_err(Refused::Request)? {
+            frames += black_box(piece).len() as u64;
+        }
+    }
+    stream.finish();
+    Ok(frames)
 }
 
 /// Why there was no motion; the fields are read through [`black_box`] only.
@@ -78,7 +110,11 @@ enum Refused {
 fn main() -> ! {
     let mut arena = [0u8; 64];
     let anchors = [Anchor::root(0, [0.0; 3])];
-    let result = serve(black_box(&[]), black_box(&mut arena), black_box(&[0]), black_box(&[]), black_box(&anchors));
+    let fixed = [Fixed { position: 0, token: 0 }];
+    // Slices, so that the optimiser does not know their lengths.
+    let (blob, tokens, u, text): (&[u8], &[u16], &[f32], &str) = black_box((&[], &[0], &[], "wave"));
+    let (anchors, fixed): (&[Anchor], &[Fixed]) = black_box((&anchors, &fixed));
+    let result = serve(blob, black_box(&mut arena), tokens, u, anchors, (text, fixed));
     let _ = black_box(result);
     loop {
         cortex_m::asm::nop();

@@ -1,0 +1,74 @@
+//! What is asked of a generator, and what comes back.
+
+use motionette_host::dataset::{ClipView, Dataset, Split};
+use motionette_host::motion::Pose;
+
+use crate::evaluator::config::MIN_FRAMES;
+use crate::evaluator::corpus::label;
+use crate::tokenizer::config::{FRAMES_PER_TOKEN, MAX_FRAMES};
+
+/// Longest motion of a model, tokens.
+pub const MAX_TOKENS: usize = MAX_FRAMES / FRAMES_PER_TOKEN;
+
+/// A sentence about a clip of the test split, and how long the motion is to be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Prompt {
+    /// Index of the clip in the dataset.
+    pub clip: usize,
+    /// The sentence.
+    pub caption: String,
+    /// Action it asks for.
+    pub content: String,
+    /// Style it asks for.
+    pub style: String,
+    /// Number of the pair of action and style.
+    pub label: usize,
+    /// Length that is asked for, tokens.
+    pub tokens: usize,
+}
+
+/// A motion of some origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motion {
+    /// Global joints, metres; four frames a token.
+    pub joints: Vec<Pose>,
+    /// Its tokens.
+    pub tokens: Vec<u16>,
+}
+
+/// The clips of a split that a table is about, with their place in the dataset: labelled, captioned, three tokens or more.
+pub fn labelled(dataset: &Dataset, split: Split) -> Vec<(usize, ClipView<'_>)> {
+    let fits = |clip: &ClipView<'_>| {
+        clip.info.split == split
+            && clip.frames() >= MIN_FRAMES
+            && !clip.info.captions.is_empty()
+            && label(clip.info, "content").is_some()
+            && label(clip.info, "style").is_some()
+    };
+    dataset.iter().enumerate().filter(|(_, clip)| fits(clip)).collect()
+}
+
+/// One prompt for every labelled clip of a split: caption i of clip i, modulo their number, and the clip's own length in tokens, at
+/// most 49.
+pub fn prompts(dataset: &Dataset, split: Split) -> Vec<Prompt> {
+    let mut labels: Vec<(String, String)> = Vec::new();
+    let prompt = |(index, (place, clip)): (usize, (usize, ClipView<'_>))| {
+        let name = |what| label(clip.info, what).unwrap_or_default().to_owned();
+        let (content, style) = (name("content"), name("style"));
+        let pair = (content.clone(), style.clone());
+        let number = labels.iter().position(|known| *known == pair).unwrap_or_else(|| {
+            labels.push(pair);
+            labels.len() - 1
+        });
+        let captions = &clip.info.captions;
+        Prompt {
+            clip: place,
+            caption: captions[index % captions.len()].text.clone(),
+            content,
+            style,
+            label: number,
+            tokens: (clip.frames() / FRAMES_PER_TOKEN).min(MAX_TOKENS),
+        }
+    };
+    labelled(dataset, split).into_iter().enumerate().map(prompt).collect()
+}

@@ -1,0 +1,84 @@
+//! The evaluator: text and motion brought into one space, so that generated motion can be judged (EQUATIONS section 9).
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`config`] | sizes, schedule, weights of the objective |
+//! | [`motion`] | the one road from joints to features; crops, tempo, joined motions |
+//! | [`corpus`] | training examples with mirrored twins, random batches |
+//! | [`model`] | motion encoder, text encoder, classification heads |
+//! | [`objective`] | contrastive and classification terms |
+//! | [`training`] | one step, and the run around it |
+//! | [`state`] | everything a run needs to go on, as a file |
+//! | [`judge`] | the finished evaluator: a file, embeddings and labels of motions and sentences |
+//! | [`command`] | `motionette-train evaluator` |
+//!
+//! Real, reconstructed and generated motion take the same road: joints, HumanML3D features extracted from them, embedding. An
+//! embedding is a unit vector; distances between embeddings are Euclidean, between 0 and 2.
+
+pub mod command;
+pub mod config;
+pub mod corpus;
+pub mod judge;
+pub mod model;
+pub mod motion;
+pub mod objective;
+pub mod state;
+#[cfg(test)]
+pub(crate) mod tests;
+pub mod training;
+
+use std::path::PathBuf;
+
+use motionette_host::dataset::{self, Split};
+use motionette_host::motion::features;
+
+use crate::tensor_file;
+
+/// Why an evaluator cannot be trained or used.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A setting is out of range.
+    #[error("{field} is {value}; allowed: {allowed}")]
+    Setting {
+        /// Name of the setting.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// A split has no clip with a caption that is long enough.
+    #[error("the dataset has no {split} clip of 12 frames or more with a caption; import clips of that split")]
+    NoMotion {
+        /// The split.
+        split: Split,
+    },
+    /// A motion has no features.
+    #[error("{name} cannot be judged")]
+    Features {
+        /// Which motion.
+        name: String,
+        /// Why not.
+        source: features::Error,
+    },
+    /// The dataset cannot be used.
+    #[error(transparent)]
+    Dataset(#[from] dataset::Error),
+    /// A checkpoint or state file cannot be used.
+    #[error(transparent)]
+    File(#[from] tensor_file::Error),
+    /// A state file belongs to another run.
+    #[error("{} was written by a run with another {what}; start a new run or give the same {what}", path.display())]
+    OtherRun {
+        /// The state file.
+        path: PathBuf,
+        /// What differs.
+        what: &'static str,
+    },
+    /// The objective is no longer a number.
+    #[error("the objective is not finite at step {step}; lower the learning rate and start from an earlier state")]
+    Diverged {
+        /// The step.
+        step: u64,
+    },
+}
