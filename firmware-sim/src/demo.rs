@@ -192,7 +192,11 @@ impl Cmd {
         for (label, value) in report.lines() {
             say(&format!("  {label:28}{value}"));
         }
-        self.write(&Results { source: &source, before: &before, after: &after, plan: plan.as_ref() }, &reference, &report)?;
+        self.write(
+            &Results { source: &source, before: &before, after: &after, plan: plan.as_ref() },
+            &reference,
+            &report,
+        )?;
         say(&format!("  results                     {}", self.out.join("viewer.html").display()));
         if self.json {
             say(&serde_json::to_string(&report)?);
@@ -279,7 +283,8 @@ impl Cmd {
         motionette_host::verify::check_same_prior(blob, &checkpoint)?;
         let prior = Prior::<f32>::new(&checkpoint, tokenizer);
         let read = prior.text.read(prompt)?;
-        let case = Case { id: "prompt".into(), prompt: prompt.to_owned(), words: read.ids, tokens: after.tokens.clone() };
+        let case =
+            Case { id: "prompt".into(), prompt: prompt.to_owned(), words: read.ids, tokens: after.tokens.clone() };
         let steps = after.steps.len().max(1);
         let (mut same, mut positions) = (0, 0);
         for (k, tokens) in after.steps.iter().take(steps - 1).enumerate() {
@@ -295,7 +300,9 @@ impl Cmd {
         let model = blob.model()?;
         let words = Words::new(prompt)
             .map(|word| {
-                let known = model.text().is_some_and(|text| text.encoder().is_some_and(|e| e.vocabulary().id(&word) != UNKNOWN));
+                let known = model
+                    .text()
+                    .is_some_and(|text| text.encoder().is_some_and(|e| e.vocabulary().id(&word) != UNKNOWN));
                 ShownWord { text: word.as_str().to_owned(), known }
             })
             .collect();
@@ -336,7 +343,11 @@ impl Cmd {
             fps: 20,
             frames: after.joints.len(),
             frames_per_token: after.joints.len() / report.tokens.max(1),
-            plan: plan.map(|plan| ShownPlan { words: plan.words.clone(), steps: after.steps.clone(), fixed: Vec::new() }),
+            plan: plan.map(|plan| ShownPlan {
+                words: plan.words.clone(),
+                steps: after.steps.clone(),
+                fixed: Vec::new(),
+            }),
             stages: stages(after),
             joint_names: NAMES.to_vec(),
             parents: PARENTS.to_vec(),

@@ -8,8 +8,8 @@
 //! sample, all families of anchors, both solvers and their ablations, lengths from one token to the model's limit take part.
 
 use motionette::hash::{Fnv, Stream};
-use motionette::refining::{Activity, Basis, Config};
 use motionette::planning::{Fixed, Length, Planning, Sampling, Schedule};
+use motionette::refining::{Activity, Basis, Config};
 use motionette::{Anchor, Error, Generator, JOINTS, Request};
 
 /// Requests of a run.
@@ -74,8 +74,8 @@ struct Plan {
 /// The requests. Steps and decoder evaluations are few but in the last, so that an emulated core is done within minutes.
 fn shape(index: usize) -> Shape {
     use Anchors::{Joint, Mixed, None, PlanarRoot, Root, Standard};
-    use Tokens::{Drawn, Recorded, Text};
     use Sampling::{Greedy, Gumbel, Sample};
+    use Tokens::{Drawn, Recorded, Text};
     let fast = Config::fast;
     let published = |evaluations, basis, activity| Config { basis, activity, ..Config::published(evaluations) };
     let plain = Plan {
@@ -115,7 +115,9 @@ fn shape(index: usize) -> Shape {
         20 => (Text("runs like a child", greedy), 44, PlanarRoot(4), fast(3)),
         21 => (Text("a proud figure walks", plain), 48, Mixed(7), fast(3)),
         22 => (Text("throws kicks", Plan { steps: 10, ..guided }), 5, Mixed(2), fast(20)),
-        _ => (Text("a tired person waves the right hand", Plan { steps: 10, ..guided }), 49, Standard, Config::default()),
+        _ => {
+            (Text("a tired person waves the right hand", Plan { steps: 10, ..guided }), 49, Standard, Config::default())
+        }
     };
     Shape { from, positions, anchors, refinement }
 }
@@ -160,8 +162,10 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
     let shape = shape(index);
     let mut random = Stream::new(index as u64);
     let mut tokens = [0u16; MAX_NUMBERS];
-    let tokens = draw_tokens(generator, &mut random, shape.positions, recorded_for(index, &shape, recorded), &mut tokens);
-    let first = |position: usize| Fixed { position: position as u16, token: tokens.get(position).copied().unwrap_or(0) };
+    let tokens =
+        draw_tokens(generator, &mut random, shape.positions, recorded_for(index, &shape, recorded), &mut tokens);
+    let first =
+        |position: usize| Fixed { position: position as u16, token: tokens.get(position).copied().unwrap_or(0) };
     let fixed = [first(0), first(tokens.len().saturating_sub(1))];
     let request = match shape.from {
         Tokens::Drawn | Tokens::Recorded => Request::tokens(tokens),

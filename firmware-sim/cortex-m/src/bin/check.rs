@@ -67,32 +67,35 @@ fn serve(
         black_box((motion.frames(), motion.tokens(), motion.words(), motion.unknown_words()));
         hash ^= motion.hash();
     }
-    let planned = Request::text(text).planned(Planning { fixed, ..Planning::DEFAULT });
-    Ok(hash ^ stream(&mut generator, tokens, &planned)?)
-}
-
-/// The same of a motion made piece by piece.
-#[inline(never)]
-fn stream(generator: &mut Generator<'_>, tokens: &[u16], planned: &Request<'_>) -> Result<u64, Refused> {
-    let planning = black_box(Some(planning::Limits { words: 8, steps: 10, guided: true }));
     let limits = black_box(StreamLimits { tokens: tokens.len(), planning });
     black_box(StreamPlan::new(generator.model(), &limits));
-    let mut stream = generator.stream(&limits).map_err(Refused::Request)?;
-    let mut hash = 0;
-    for last in black_box([false, true]) {
-        black_box((stream.room(), stream.frames_ahead(), stream.rebase()));
-        stream.push(tokens).map_err(Refused::Request)?;
-        let watch = &mut Watch(Flow::Continue);
-        let segment = if last { stream.plan_last(planned, watch) } else { stream.plan(planned, watch) };
-        black_box((segment.map_err(Refused::Request)?, stream.tokens()));
-        if last {
-            stream.finish();
-        }
-        while let Some(frames) = stream.frames(&mut Watch(Flow::Continue)).map_err(Refused::Request)? {
-            hash += black_box(frames).len() as u64;
-        }
+    for source in black_box(sources) {
+        let [sampling, ..] = black_box(samplings);
+        let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
+        let request = black_box(Request { source, anchors, refinement: None, planning });
+        hash ^= stream(&mut generator, &limits, &request)?;
     }
     Ok(hash)
+}
+
+/// A motion made piece by piece.
+#[inline(never)]
+fn stream(generator: &mut Generator<'_>, limits: &StreamLimits, request: &Request<'_>) -> Result<u64, Refused> {
+    let mut stream = generator.stream(limits).map_err(Refused::Request)?;
+    let mut frames = 0;
+    for last in black_box([false, true]) {
+        black_box((stream.room(), stream.frames_ahead(), stream.rebase()));
+        let watch = &mut Watch(Flow::Continue);
+        let planned = if last { stream.plan_last(request, watch) } else { stream.plan(request, watch) };
+        black_box(planned.map_err(Refused::Request)?);
+        black_box(stream.push(black_box(&[0])).map_err(Refused::Request)?);
+        black_box(stream.tokens());
+        while let Some(piece) = stream.frames(watch).map_err(Refused::Request)? {
+            frames += black_box(piece).len() as u64;
+        }
+    }
+    stream.finish();
+    Ok(frames)
 }
 
 /// Why there was no motion; the fields are read through [`black_box`] only.
