@@ -3,7 +3,7 @@
 use motionette::blob::{DType, HEADER_LEN};
 use motionette::planning;
 use motionette::refining::Config;
-use motionette::{Generator, Limits, Plan};
+use motionette::{Generator, Limits, Model, MotionStream, Plan, StreamLimits, StreamPlan};
 use serde::Serialize;
 
 use crate::blob_file::{BlobFile, Error};
@@ -31,6 +31,27 @@ pub struct Planning {
     pub bytes: usize,
     /// Multiply-accumulates at most.
     pub macs: u64,
+}
+
+/// A stream that remembers as many tokens as the largest request has.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stream {
+    /// Tokens on either side that a frame depends on.
+    pub radius_tokens: usize,
+    /// Frames by which the output lags behind the tokens.
+    pub latency_frames: usize,
+    /// The same in seconds of motion.
+    pub latency_seconds: f64,
+    /// Arena bytes, exactly, however long the motion runs; the object comes on top.
+    pub arena_bytes: usize,
+    /// The arena by purpose; the sum is `arena_bytes`.
+    pub arena: Vec<Share>,
+    /// Bytes of the stream object on a 64-bit machine; a 32-bit one needs less.
+    pub object_bytes: usize,
+    /// Multiply-accumulates of decoding a token.
+    pub token_macs: u64,
+    /// Multiply-accumulates of planning a segment, at most.
+    pub planning_macs: u64,
 }
 
 /// Everything `motionette plan` shows.
@@ -67,6 +88,8 @@ pub struct Report {
     pub macs: u64,
     /// One forward pass over all channels by stage.
     pub decoder_macs: Vec<Share>,
+    /// The same tokens, and no end of further ones, as a stream.
+    pub stream: Stream,
     /// Motion hash of the blob's self-test.
     pub self_test: String,
 }
@@ -126,8 +149,30 @@ pub fn plan(
         gradients: plan.gradients,
         macs: plan.macs,
         decoder_macs: stages(blob, tokens)?,
+        stream: stream(&model, &StreamLimits { tokens, planning }),
         self_test: format!("{:016x}", model.self_test().hash),
     })
+}
+
+fn stream(model: &Model<'_>, limits: &StreamLimits) -> Stream {
+    let plan = StreamPlan::new(model, limits);
+    let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
+    Stream {
+        radius_tokens: plan.radius_tokens,
+        latency_frames: plan.latency_frames,
+        latency_seconds: plan.latency_frames as f64 / f64::from(model.frame_rate()),
+        arena_bytes: plan.arena_bytes,
+        arena: vec![
+            share("tokens", plan.token_bytes),
+            share("decoder state", plan.state_bytes),
+            share("decoder layers", plan.decoder_bytes),
+            share("frames and root path", plan.frame_bytes),
+            share("planning", plan.planning_bytes),
+        ],
+        object_bytes: size_of::<MotionStream<'_, '_>>(),
+        token_macs: plan.token_macs,
+        planning_macs: plan.planning_macs,
+    }
 }
 
 fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {

@@ -9,12 +9,14 @@
 //! ```
 //!
 //! # Layers, top-down, and what each may not know
-//! - [`generator`]: runs a request through the stages. Owns the arena; knows every module below, none knows it.
+//! - [`generator`]: runs a request through the stages, or a motion that goes on segment by segment. Owns the arena; knows every
+//!   module below, none knows it.
 //! - [`plan`]: bytes and work of a request before it runs. Knows sizes, never data.
 //! - [`refining`]: the anchor solver. Knows a differentiable [`refining::MotionMap`], not the decoder behind it.
 //! - [`perception`]: anchors and their validation, prompts and what they say. Knows frames, joints and words, not tokens.
 //! - [`planning`]: prompts to motion tokens: transformer and sampler. Knows neither anchors nor what a token moves.
-//! - [`decoding`]: token embeddings to motion features, and the gradient back. Knows nothing of anchors.
+//! - [`decoding`]: token embeddings to motion features, whole with the gradient back, or in segments with the same bits. Knows
+//!   nothing of anchors.
 //! - [`motion`]: features to joints, and the gradient back. Knows nothing of neural networks.
 //! - [`nn`]: layers with forward and input gradient. Know nothing of the model they stand in.
 //! - [`kernels`]: integer inner loops; the portable ones are the specification.

@@ -85,6 +85,16 @@ impl Cmd {
             report.gradients,
             grouped(report.macs)
         ));
+        let stream = &report.stream;
+        table("stream of any length", "bytes", &stream.arena, stream.arena_bytes as u64);
+        say(&format!(
+            "  radius {} tokens, latency {} frames = {:.2} s; {} MAC a token, {} MAC a planned segment",
+            stream.radius_tokens,
+            stream.latency_frames,
+            stream.latency_seconds,
+            grouped(stream.token_macs),
+            grouped(stream.planning_macs)
+        ));
         if let Some(path) = &self.model_rs {
             let text = plan::model_rs(&report, &beside(&self.blob, path));
             write_atomic(path, |w| w.write_all(text.as_bytes())).context("writing the constants")?;

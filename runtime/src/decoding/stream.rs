@@ -1,6 +1,6 @@
 //! Decoding a motion in segments, with the bits of [`Decoder::forward`] over the whole of it.
 //!
-//! Each layer keeps the end of its input, a [`Tail`]: the quantised rows that its next outputs still depend on, and, for
+//! Each layer keeps the end of its input, its tail: the quantised rows that its next outputs still depend on, and, for
 //! a residual block, the f32 rows that its result will be added to. A chunk of tokens passes through the chain once; each
 //! layer puts its tail in front of the rows that came, computes the rows that have thereby become final, hands those on,
 //! and keeps the new end. Rows before the motion are zero rows with scale zero, which add exactly what a tap outside
