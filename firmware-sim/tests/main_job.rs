@@ -39,7 +39,7 @@ fn default_job() -> (tempfile::TempDir, Value) {
 }
 
 #[test]
-fn the_default_job_bends_a_real_motion_and_agrees_with_the_reference() {
+fn the_default_job_makes_a_motion_from_text_and_agrees_with_the_reference() {
     let (out, figures) = default_job();
     let number = |name: &str| figures[name].as_f64().unwrap_or_else(|| panic!("{name} is missing in {figures}"));
     for name in [
@@ -57,6 +57,11 @@ fn the_default_job_bends_a_real_motion_and_agrees_with_the_reference() {
     assert!(number("control_error_before_cm") >= 10.0, "the anchors pull the motion away: {figures}");
     assert!(number("control_error_after_cm") < 0.2 * number("control_error_before_cm"), "{figures}");
     assert!((1.0..=20.0).contains(&number("decoder_evaluations")));
+    assert_eq!(figures["prompt"], "a tired person waves the right hand");
+    assert_eq!(figures["unknown_words"], Value::Array(Vec::new()));
+    assert_eq!(figures["planner_steps"], 10);
+    assert!(number("planner_token_agreement") >= 0.98, "{figures}");
+    assert!(number("macs") > 1e8 && number("instructions_estimate") > number("macs"), "{figures}");
     assert!(number("du") > 0.0 && number("anchors") >= 4.0);
     assert!(number("reference_mean_mm") <= 1.0 && number("reference_max_mm") <= 30.0, "{figures}");
     assert!(number("arena_high_water_bytes") <= number("arena_bytes"));
@@ -69,6 +74,33 @@ fn the_default_job_bends_a_real_motion_and_agrees_with_the_reference() {
     }
     let (_again, second) = default_job();
     assert_eq!(second["motion_hash"], figures["motion_hash"], "the same request gives the same bits");
+}
+
+#[test]
+fn text_seed_length_steps_and_guidance_decide_the_motion() {
+    let out = folder();
+    let made = |arguments: &[&str]| {
+        let results = path(&out, "results");
+        let output = simulate(&[arguments, &["--json", "--out", &results]].concat());
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        last_line(&output)
+    };
+    let text = ["--text", "A person walks forward, zigzagging", "--seconds", "2", "--seed", "7"];
+    let first = made(&text);
+    assert_eq!(first["unknown_words"], serde_json::json!(["zigzagging"]));
+    assert_eq!((&first["tokens"], &first["frames"], &first["anchors"]), (&10.into(), &40.into(), &0.into()));
+    assert_eq!(made(&text)["motion_hash"], first["motion_hash"]);
+    let others: [&[&str]; 5] = [
+        &["--text", "a person walks forward", "--seconds", "2", "--seed", "7"],
+        &["--text", text[1], "--seconds", "2", "--seed", "8"],
+        &["--text", text[1], "--seconds", "2.2", "--seed", "7"],
+        &["--text", text[1], "--seconds", "2", "--seed", "7", "--steps", "4"],
+        &["--text", text[1], "--seconds", "2", "--seed", "7", "--guidance", "1"],
+    ];
+    for other in others {
+        assert_ne!(made(other)["motion_hash"], first["motion_hash"], "{other:?}");
+    }
+    assert!((1.0..=49.0).contains(&made(&["--text", "a person bows"])["tokens"].as_f64().unwrap_or(0.0)));
 }
 
 #[test]
@@ -186,6 +218,7 @@ fn bad_input_says_what_where_and_what_to_do_and_leaves_nothing_behind() {
     );
     let no_blob = write("no.blob", "hello, this is no blob at all, only text of some length");
     let blocked = write("blocked", "a file where a folder should be");
+    let long = "walk ".repeat(2000);
     let cases: &[(&[&str], &str)] = &[
         (&["--clip", "nothing"], "there are"),
         (&["--anchors", &unknown_joint], "right_wrist"),
@@ -198,6 +231,17 @@ fn bad_input_says_what_where_and_what_to_do_and_leaves_nothing_behind() {
         (&["--blob", "missing.blob"], "missing.blob"),
         (&["--checkpoint", "missing.safetensors"], "missing.safetensors"),
         (&["--refinement", "slow"], "known are"),
+        (&["--text", ""], "word"),
+        (&["--text", "... !"], "word"),
+        (&["--text", "zigzag quux"], "knows none"),
+        (&["--text", &long], "4096"),
+        (&["--text", "a person walks", "--seconds", "0"], "seconds above 0"),
+        (&["--text", "a person walks", "--seconds", "NaN"], "seconds above 0"),
+        (&["--text", "a person walks", "--seconds", "60"], "49"),
+        (&["--text", "a person walks", "--guidance", "NaN"], "guidance"),
+        (&["--text", "a person walks", "--steps", "0"], "steps"),
+        (&["--text", "a person walks", "--prior", "missing.safetensors"], "missing.safetensors"),
+        (&["--text", "a person walks", "--clip", "x"], "cannot be used with"),
     ];
     for (arguments, expected) in cases {
         let mut all = arguments.to_vec();
@@ -226,4 +270,17 @@ fn an_anchor_out_of_reach_is_met_as_well_as_can_be_and_the_rest_is_reported() {
     let error = |name: &str| figures[name].as_f64().unwrap_or(f64::NAN);
     assert!(error("control_error_after_cm") <= error("control_error_before_cm"), "{figures}");
     assert!(error("control_error_after_cm") > 50.0, "ten metres in one frame cannot be met: {figures}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_prompt_that_is_no_text_is_refused() {
+    use std::os::unix::ffi::OsStrExt;
+    let output = Command::new(env!("CARGO_BIN_EXE_motionette-sim"))
+        .arg("--text")
+        .arg(std::ffi::OsStr::from_bytes(&[b'w', 0xFF, 0xFE]))
+        .output()
+        .expect("the simulator starts");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && text.contains("UTF-8") && !text.contains("panicked"), "{text}");
 }

@@ -43,9 +43,6 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
     let unplanned = PriorShape { planned: false, ..prior.clone() };
     let with = |prior: PriorShape| Shape { max_tokens: 6, prior: Some(prior), ..base.clone() };
     let shapes = [
-        ("planner", with(prior)),
-        ("stored-prompts", with(stored)),
-        ("text-without-planner", with(unplanned)),
         ("narrow", base.clone()),
         ("wide-rows", Shape { wide: 4, ..base.clone() }),
         ("all-wide", Shape { width: 1, wide: 263, ..base.clone() }),
@@ -54,6 +51,9 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
         ("one-stage", Shape { stages: 1, code_width: 5, ..base.clone() }),
         ("three-stages", Shape { stages: 3, max_tokens: 24, ..base.clone() }),
         ("one-token", Shape { max_tokens: 1, codes: 1, ..base.clone() }),
+        ("planner", with(prior)),
+        ("stored-prompts", with(stored)),
+        ("text-without-planner", with(unplanned)),
     ];
     shapes.into_iter().enumerate().map(|(seed, (name, shape))| (name, Tiny::new(shape, seed as u64))).collect()
 }

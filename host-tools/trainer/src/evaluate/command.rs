@@ -59,6 +59,7 @@ pub struct Args {
     /// Rows of generated motion that are made, `none` for none of them.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "reference,runtime")]
     pub generate: Vec<Origin>,
+    /// How motions are sampled.
     #[command(flatten)]
     pub generation: generators::Options,
     /// Folder of the table.
@@ -67,7 +68,7 @@ pub struct Args {
     /// Motions for every caption, at least 2.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(2..))]
     pub seeds: u64,
-    /// Uses only the first captions.
+    /// Uses only so many captions, spread evenly.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(2..))]
     pub limit: Option<u64>,
     /// Prints the table's JSON on the last line.
