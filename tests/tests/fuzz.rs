@@ -40,6 +40,7 @@ fn cases_reach_both_outcomes_of_every_reader() {
         tally.blobs_opened,
         tally.requests_refused,
         tally.motions,
+        tally.streams,
         tally.files_refused,
         tally.files_read,
     ];

@@ -1,4 +1,4 @@
-//! A seeded, structure-aware fuzzer for what comes from outside: blobs, tokens, anchors and solver settings for the runtime;
+//! A seeded, structure-aware fuzzer for what comes from outside: blobs, tokens, anchors, settings and streams for the runtime;
 //! recordings, anchor files and checkpoints for the host tools.
 //!
 //! Every case is made from `(seed, case number)` alone, so a failure is repeated by those two numbers. A case fails when
@@ -8,6 +8,7 @@
 pub mod blobs;
 pub mod files;
 pub mod requests;
+pub mod streams;
 
 use std::panic::{self, AssertUnwindSafe};
 
@@ -71,6 +72,8 @@ pub struct Tally {
     pub requests_refused: u64,
     /// Requests that gave a motion.
     pub motions: u64,
+    /// Streams whose motion was compared with the whole.
+    pub streams: u64,
     /// Files that were refused.
     pub files_refused: u64,
     /// Files that were read.
@@ -128,11 +131,12 @@ pub fn drive(
 fn one(corpus: &[(&str, Tiny)], seed: u64, case: u64, tally: &mut Tally) -> Result<(), String> {
     let mut random = Stream::new(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(case));
     let (name, tiny) = &corpus[random.below(corpus.len() as u32) as usize];
-    match random.below(5) {
+    match random.below(6) {
         0 | 1 => blobs::case(tiny, &mut random, tally).map_err(|what| format!("mutation of the blob `{name}`: {what}")),
         2 | 3 => {
             requests::case(tiny, &mut random, tally).map_err(|what| format!("request on the blob `{name}`: {what}"))
         }
+        4 => streams::case(tiny, &mut random, tally).map_err(|what| format!("stream on the blob `{name}`: {what}")),
         _ => files::case(&mut random, tally),
     }
 }

@@ -16,15 +16,18 @@ const NUMBERS: [f32; 14] =
     [0.0, -0.0, 1e-3, 0.5, 1.0, -1.0, 10.0, 999.9, -1001.0, 1e30, 1e-40, f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
 
 /// Stops the work after so many layer boundaries.
-struct Stopper {
-    left: u32,
-    wish: Flow,
+pub(super) struct Stopper {
+    /// Calls that are let through, and one; 0 lets all through.
+    pub left: u32,
+    /// What it wishes then.
+    pub wish: Flow,
 }
 
 impl Observer for Stopper {
     fn progress(&mut self, _: Progress) -> Flow {
+        let now = self.left == 1;
         self.left = self.left.saturating_sub(1);
-        if self.left == 0 { self.wish } else { Flow::Continue }
+        if now { self.wish } else { Flow::Continue }
     }
 }
 
@@ -71,7 +74,7 @@ pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), S
     let before = generator.generate(&Request::tokens(&plain), &mut ()).map(|motion| motion.hash());
     let before = before.map_err(|e| format!("the least request was refused: {e}"))?;
     let mut stopper =
-        Stopper { left: random.below(200), wish: if random.below(2) == 0 { Flow::Finish } else { Flow::Abort } };
+        Stopper { left: 1 + random.below(200), wish: if random.below(2) == 0 { Flow::Finish } else { Flow::Abort } };
     if random.below(3) == 0 {
         serve(&mut generator, &request, &mut stopper, tally)?;
     } else {
@@ -149,7 +152,7 @@ pub fn serve(
 }
 
 /// Numbers in a request: mostly whole tokens inside the limit, else anything.
-fn length(random: &mut Stream, model: &Model<'_>, each: usize) -> usize {
+pub(super) fn length(random: &mut Stream, model: &Model<'_>, each: usize) -> usize {
     match random.below(8) {
         0 => random.below(700) as usize,
         1 => 0,
@@ -159,7 +162,7 @@ fn length(random: &mut Stream, model: &Model<'_>, each: usize) -> usize {
     }
 }
 
-fn token(random: &mut Stream, model: &Model<'_>) -> u16 {
+pub(super) fn token(random: &mut Stream, model: &Model<'_>) -> u16 {
     match random.below(400) {
         0 => random.next_u32() as u16,
         1 => u16::MAX,
@@ -186,7 +189,7 @@ fn anchor_count(random: &mut Stream) -> u32 {
     }
 }
 
-fn anchor(random: &mut Stream, frames: usize) -> Anchor {
+pub(super) fn anchor(random: &mut Stream, frames: usize) -> Anchor {
     let mut coordinate = || match random.below(60) {
         0 => NUMBERS[random.below(NUMBERS.len() as u32) as usize],
         _ => 4.0 * random.unit() - 2.0,
@@ -260,7 +263,7 @@ const PIECES: [&str; 20] = [
     "wave",
 ];
 
-fn prompt(random: &mut Stream) -> String {
+pub(super) fn prompt(random: &mut Stream) -> String {
     let piece = |random: &mut Stream| PIECES[random.below(PIECES.len() as u32) as usize];
     match random.below(12) {
         0 => String::new(),
@@ -276,7 +279,7 @@ fn prompt(random: &mut Stream) -> String {
 }
 
 /// A token to be fixed, mostly one that can be.
-fn given(random: &mut Stream, model: &Model<'_>) -> Fixed {
+pub(super) fn given(random: &mut Stream, model: &Model<'_>) -> Fixed {
     let strange = random.below(20) == 0;
     let positions = if strange { 0x1_0000 } else { 4.min(model.max_tokens() as u32) };
     let codes = if random.below(20) == 0 { 0x1_0000 } else { model.codebooks().codes() as u32 };
