@@ -61,7 +61,7 @@ mod tests {
                 (0..tokens.len()).filter(|i| pair(*i) == Some(true)).count()
             };
             let expected = (-20..30).map(equal).max().unwrap() as f64 >= NEAR * tokens.len() as f64;
-            assert_eq!(is_near_copy(&tokens, &[other.clone()]), expected, "{tokens:?} {other:?}");
+            assert_eq!(is_near_copy(&tokens, std::slice::from_ref(&other)), expected, "{tokens:?} {other:?}");
             found += usize::from(expected);
         }
         assert!(found > 50 && found < 3950, "{found}");

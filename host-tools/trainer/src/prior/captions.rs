@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use motionette::perception::text::Words;
 use motionette_host::dataset::ClipView;
 
 use crate::random::Random;
@@ -11,10 +12,9 @@ pub const NONE: usize = 0;
 /// Id of every word that the vocabulary lacks.
 pub const UNKNOWN: usize = 1;
 
-/// Words of a sentence: lower case, runs of letters, digits and apostrophes.
+/// Words of a sentence, as a device reads them.
 pub fn words(text: &str) -> Vec<String> {
-    let split = |c: char| !(c.is_alphanumeric() || c == '\'');
-    text.split(split).filter(|word| !word.is_empty()).map(str::to_ascii_lowercase).collect()
+    Words::new(text).map(|word| word.as_str().to_owned()).collect()
 }
 
 /// Known words in the order of their ids.
