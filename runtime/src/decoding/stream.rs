@@ -17,7 +17,6 @@ use crate::nn::conv1d::{BLOCK, Conv1d, Rows};
 use crate::nn::output::{self, Channels, Output};
 use crate::nn::residual::{self, Residual};
 use crate::nn::{mask, quantise};
-use core::iter::once;
 
 /// Tokens that pass through the decoder at a time, at most: weights are read once for so many.
 pub const CHUNK: usize = BLOCK;
@@ -129,16 +128,28 @@ struct Sizes {
 }
 
 impl<'a> Decoder<'a> {
-    /// Layers in order of execution, each with the upsampling stages that lie before it.
+    /// Layer `index` in order of execution, and the upsampling stages that lie before it.
+    #[inline(never)]
+    fn layer(&self, index: usize) -> Option<(usize, Layer<'_, 'a>)> {
+        let Some(mut at) = index.checked_sub(1) else { return Some((0, Layer::Convolution(&self.input))) };
+        for (stage, layers) in self.stages.iter().enumerate() {
+            if let Some(block) = layers.blocks.get(at) {
+                return Some((stage, Layer::Residual(block)));
+            }
+            if at == layers.blocks.len() {
+                return Some((stage, Layer::Upsample(&layers.upsample)));
+            }
+            at -= layers.blocks.len() + 1;
+        }
+        match at {
+            0 => Some((self.stages.len(), Layer::Convolution(&self.middle))),
+            1 => Some((self.stages.len(), Layer::Output(&self.output))),
+            _ => None,
+        }
+    }
+
     fn layers(&self) -> impl Iterator<Item = (usize, Layer<'_, 'a>)> {
-        let stages = self.stages.iter().enumerate().flat_map(|(stage, layers)| {
-            let blocks = layers.blocks.iter().map(Layer::Residual);
-            blocks.chain(once(Layer::Upsample(&layers.upsample))).map(move |layer| (stage, layer))
-        });
-        let last = self.stages.len();
-        once((0, Layer::Convolution(&self.input)))
-            .chain(stages)
-            .chain([(last, Layer::Convolution(&self.middle)), (last, Layer::Output(&self.output))])
+        (0..MAX_LAYERS).map_while(|index| self.layer(index))
     }
 
     /// Frames by which the output lags behind the tokens: frame `t` is final when `(t + 1 + radius) / upsampling`
