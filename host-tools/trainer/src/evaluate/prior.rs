@@ -53,7 +53,7 @@ pub struct Tables {
     pub all: Vec<Row>,
     /// Those of at most 5 s.
     pub short: Vec<Row>,
-    /// One prompt of [`LONG_STRIDE`] at 9.8 s.
+    /// One prompt of four at 9.8 s.
     pub long: Vec<Row>,
 }
 
