@@ -9,6 +9,7 @@ use crate::source::{self, Content, Source};
 use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownAnchor, ShownPlan, ShownStage, ShownWord};
 use anyhow::{Context, bail};
 use clap::Args;
+use motionette::hash::Stream;
 use motionette::motion::skeleton::{NAMES, PARENTS};
 use motionette::perception::text::{UNKNOWN, Words};
 use motionette::planning::{Length, Planning};
@@ -244,7 +245,8 @@ impl Cmd {
     fn hint(&self, source: &Source) -> String {
         match source.content {
             Content::Prompt(_) => {
-                "the runtime refused the request (`motionette inspect` lists the words that a model knows)".into()
+                "the runtime refused the request (`motionette inspect --vocabulary` lists the words that a model knows)"
+                    .into()
             }
             Content::Tokens(_) => "the runtime refused the request".into(),
         }
@@ -285,25 +287,27 @@ impl Cmd {
         let read = prior.text.read(prompt)?;
         let case =
             Case { id: "prompt".into(), prompt: prompt.to_owned(), words: read.ids, tokens: after.tokens.clone() };
-        let steps = after.steps.len().max(1);
+        let guided = prior.guided(&case.words, 1.0);
+        let codes = prior.planner.codes;
+        // The first step saw random tokens, every other one what the step before it left.
+        let mut stream = Stream::new(self.seed);
+        let first: Vec<u16> = after.tokens.iter().map(|_| stream.below(codes as u32) as u16).collect();
         let (mut same, mut positions) = (0, 0);
-        for (k, tokens) in after.steps.iter().take(steps - 1).enumerate() {
-            let time = (k + 1) as f64 / steps as f64;
-            let expected = prior.logits(&prior.guided(&case.words, 1.0), tokens, time, &[]);
-            let found = planner::logits(blob, &case, tokens, time)?;
-            let codes = expected.len() / tokens.len().max(1);
-            for (a, b) in expected.chunks_exact(codes.max(1)).zip(found.chunks_exact(codes.max(1))) {
-                same += usize::from(largest(a) == largest(b));
+        for (k, tokens) in std::iter::once(&first).chain(&after.steps).take(after.steps.len()).enumerate() {
+            let time = k as f64 / after.steps.len() as f64;
+            let (expected, found) =
+                (prior.logits(&guided, tokens, time, &[]), planner::logits(blob, &case, tokens, time)?);
+            for (a, b) in expected.chunks_exact(codes).zip(found.chunks_exact(codes)) {
+                same += usize::from(planner::most_probable(a) == planner::most_probable(b));
                 positions += 1;
             }
         }
         let model = blob.model()?;
+        let vocabulary = model.text().and_then(|text| text.encoder()).map(|encoder| encoder.vocabulary());
         let words = Words::new(prompt)
-            .map(|word| {
-                let known = model
-                    .text()
-                    .is_some_and(|text| text.encoder().is_some_and(|e| e.vocabulary().id(&word) != UNKNOWN));
-                ShownWord { text: word.as_str().to_owned(), known }
+            .map(|word| ShownWord {
+                text: word.as_str().to_owned(),
+                known: vocabulary.is_some_and(|vocabulary| vocabulary.id(&word) != UNKNOWN),
             })
             .collect();
         Ok(Compared { words, agreement: same as f64 / f64::from(positions.max(1)) })
@@ -388,11 +392,6 @@ impl Compared {
     fn unknown(&self) -> Vec<String> {
         self.words.iter().filter(|word| !word.known).map(|word| word.text.clone()).collect()
     }
-}
-
-/// Place of the largest value, the first of several.
-fn largest(values: &[f32]) -> usize {
-    values.iter().enumerate().fold(0, |best, (i, v)| if *v > values[best] { i } else { best })
 }
 
 /// Work and time of each stage.

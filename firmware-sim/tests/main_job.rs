@@ -100,6 +100,8 @@ fn text_seed_length_steps_and_guidance_decide_the_motion() {
     for other in others {
         assert_ne!(made(other)["motion_hash"], first["motion_hash"], "{other:?}");
     }
+    let single = made(&["--text", "a person bows", "--seconds", "2", "--steps", "1"]);
+    assert!(single["planner_token_agreement"].as_f64().is_some_and(|share| share >= 0.9), "{single}");
     assert!((1.0..=49.0).contains(&made(&["--text", "a person bows"])["tokens"].as_f64().unwrap_or(0.0)));
 }
 
