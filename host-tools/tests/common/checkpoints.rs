@@ -79,7 +79,7 @@ pub fn tokenizer_checkpoint() -> TokenizerCheckpoint {
 
 /// Sizes and vocabulary of a small prior of the small tokenizer's tokens. `norm`: pre or post; `activation`: gelu or relu.
 pub fn prior_config(norm: &str, activation: &str) -> String {
-    let hash = prior::codebook_hash(&tokenizer_checkpoint());
+    let hash = prior::codebook_hash(tokenizer_checkpoint().codebooks.iter().flatten());
     format!(
         r#"{{"vocabulary": ["<none>", "<unknown>", "a", "person", "walks", "waves", "carry", "run", "tired"], "max_words": 7,
     "max_tokens": 49, "codes": 6, "code_dim": 3, "text": {{"width": 8, "heads": 2, "layers": 1, "hidden": 13}},

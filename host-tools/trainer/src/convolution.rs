@@ -2,7 +2,7 @@
 //!
 //! Patches are gathered and multiplied (im2col): on the CPU backend that takes half the time of the framework's own convolution.
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
 
 /// Shape of one convolution. Padding is zero: `dilation` on both sides for kernel 3, one on both sides for kernel 4 with stride 2.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,6 +29,12 @@ impl Shape {
     pub fn parameters(&self) -> usize {
         self.weights() + self.outputs
     }
+}
+
+/// For every value of a flat vector of these convolutions: whether weight decay applies (weights yes, biases no).
+pub fn decay_mask(shapes: &[Shape]) -> Vec<bool> {
+    let of = |s: &Shape| std::iter::repeat_n(true, s.weights()).chain(std::iter::repeat_n(false, s.outputs));
+    shapes.iter().flat_map(of).collect()
 }
 
 /// One convolution, its parameters on a device.
@@ -67,6 +73,22 @@ impl Convolution {
         };
         let rows = patches.reshape([batch * length, self.shape.kernel * channels]);
         (rows.matmul(self.weight.clone()) + self.bias.clone()).reshape([batch, length, self.shape.outputs])
+    }
+}
+
+/// Adds the gradients of `tensors` to a flat vector in which they lie one behind the other.
+pub fn add_gradients<'t>(tensors: impl Iterator<Item = &'t Tensor<2>>, gradients: &Gradients, flat: &mut [f32]) {
+    let mut offset = 0;
+    for tensor in tensors {
+        let [rows, columns] = tensor.dims();
+        if let Some(gradient) = tensor.grad(gradients) {
+            let gradient = gradient.into_data();
+            let gradient = gradient.as_slice::<f32>().expect("parameters are f32");
+            for (sum, g) in flat[offset..].iter_mut().zip(gradient) {
+                *sum += g;
+            }
+        }
+        offset += rows * columns;
     }
 }
 

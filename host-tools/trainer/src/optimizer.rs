@@ -3,6 +3,8 @@
 //! The framework's optimiser clips every tensor by itself and keeps its moments in its own record format. Here all state is four
 //! vectors of the same length, so a checkpoint is a copy of them and a resumed run continues bit for bit.
 
+use crate::tensor_file::{self, TensorFile};
+
 /// Settings that stay the same during a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
@@ -19,6 +21,17 @@ pub struct Settings {
     /// Decay of the average weights.
     pub average_decay: f32,
 }
+
+impl Settings {
+    /// What all runs have in common, with what each chooses.
+    #[must_use]
+    pub fn new(weight_decay: f32, clip: f32, average_decay: f32) -> Self {
+        Self { beta1: 0.9, beta2: 0.99, epsilon: 1e-8, weight_decay, clip, average_decay }
+    }
+}
+
+/// Names of the four vectors in a state file.
+const VECTORS: [&str; 4] = ["optimizer.values", "optimizer.first", "optimizer.second", "optimizer.average"];
 
 /// Parameters, their moments and their average.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +53,23 @@ impl AdamW {
     pub fn new(values: Vec<f32>) -> Self {
         let zeros = vec![0.0; values.len()];
         Self { first: zeros.clone(), second: zeros, average: values.clone(), values, updates: 0 }
+    }
+
+    /// Puts the four vectors into a state file; the number of updates is for its metadata.
+    pub fn store(&self, file: &mut TensorFile) {
+        for (name, vector) in VECTORS.into_iter().zip([&self.values, &self.first, &self.second, &self.average]) {
+            file.insert(name, &[vector.len()], vector.clone());
+        }
+    }
+
+    /// Takes vectors of `length` that [`Self::store`] put there.
+    ///
+    /// # Errors
+    /// [`tensor_file::Error`] naming the tensor that is missing, of another length, or not finite.
+    pub fn restore(file: &TensorFile, length: usize, updates: u64) -> Result<Self, tensor_file::Error> {
+        let vector = |name: &str| file.values(name, &[length]).map(<[f32]>::to_vec);
+        let [values, first, second, average] = VECTORS.map(vector);
+        Ok(Self { values: values?, first: first?, second: second?, average: average?, updates })
     }
 
     /// One update (Loshchilov and Hutter 2019, algorithm 2) and one update of the average.

@@ -8,6 +8,7 @@ use burn::tensor::activation::{gelu, softmax};
 use burn::tensor::{Device, Gradients, Int, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 
+use crate::convolution::add_gradients;
 use crate::random::Random;
 
 /// Added to the square of a norm's deviation.
@@ -245,18 +246,7 @@ impl Weights {
 
     /// Adds the gradients to a flat vector.
     pub fn collect_gradients(&self, gradients: &Gradients, flat: &mut [f32]) {
-        let mut offset = 0;
-        for tensor in &self.tensors {
-            let [rows, columns] = tensor.dims();
-            if let Some(gradient) = tensor.grad(gradients) {
-                let gradient = gradient.into_data();
-                let gradient = gradient.as_slice::<f32>().expect("parameters are f32");
-                for (sum, g) in flat[offset..].iter_mut().zip(gradient) {
-                    *sum += g;
-                }
-            }
-            offset += rows * columns;
-        }
+        add_gradients(self.tensors.iter(), gradients, flat);
     }
 
     /// The parameter called `name`.

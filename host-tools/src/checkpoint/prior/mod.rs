@@ -295,7 +295,7 @@ impl PriorCheckpoint {
                 return Err(ErrorKind::Option { key: key.into(), value: value.to_string(), expected });
             }
         }
-        let actual = codebook_hash(tokenizer);
+        let actual = codebook_hash(tokenizer.codebooks.iter().flatten());
         if actual == self.config.tokenizer {
             return Ok(());
         }
@@ -368,11 +368,11 @@ impl Block {
     }
 }
 
-/// SHA-256, hex, over the little-endian bytes of all codebooks: how a prior names its tokenizer.
+/// SHA-256, hex, over the little-endian bytes of the values of all codebooks: how a prior names its tokenizer.
 #[must_use]
-pub fn codebook_hash(tokenizer: &TokenizerCheckpoint) -> String {
+pub fn codebook_hash<'c>(values: impl IntoIterator<Item = &'c f32>) -> String {
     use sha2::{Digest, Sha256};
     let mut hash = Sha256::new();
-    tokenizer.codebooks.iter().flatten().for_each(|v| hash.update(v.to_le_bytes()));
+    values.into_iter().for_each(|v| hash.update(v.to_le_bytes()));
     hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }

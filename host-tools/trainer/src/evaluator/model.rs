@@ -13,7 +13,7 @@ use motionette_host::motion::FEATURES;
 
 use super::config::Config;
 use super::corpus::Labels;
-use crate::convolution::{Convolution, Shape};
+use crate::convolution::{Convolution, Shape, add_gradients};
 use crate::random::Random;
 
 /// Stages of the motion encoder; each halves the number of samples.
@@ -55,14 +55,6 @@ pub fn initial_parameters(shapes: &[Shape], seed: u64) -> Vec<f32> {
         values.extend(std::iter::repeat_n(0.0, shape.outputs));
     }
     values
-}
-
-/// For every value of the flat vector: whether weight decay applies (weights yes, biases no).
-pub fn decay_mask(shapes: &[Shape]) -> Vec<bool> {
-    shapes
-        .iter()
-        .flat_map(|s| std::iter::repeat_n(true, s.weights()).chain(std::iter::repeat_n(false, s.outputs)))
-        .collect()
 }
 
 /// What the motion encoder says about a batch.
@@ -166,20 +158,8 @@ impl Network {
 
     /// Adds the gradients of the parameters to a flat vector in the order of [`shapes`].
     pub fn collect_gradients(&self, gradients: &Gradients, flat: &mut [f32]) {
-        let mut offset = 0;
-        for layer in &self.layers {
-            for tensor in [&layer.weight, &layer.bias] {
-                let [rows, columns] = tensor.dims();
-                if let Some(gradient) = tensor.grad(gradients) {
-                    let gradient = gradient.into_data();
-                    let gradient = gradient.as_slice::<f32>().expect("parameters are f32");
-                    for (sum, g) in flat[offset..].iter_mut().zip(gradient) {
-                        *sum += g;
-                    }
-                }
-                offset += rows * columns;
-            }
-        }
+        let layers = self.layers.iter();
+        add_gradients(layers.flat_map(|layer| [&layer.weight, &layer.bias]), gradients, flat);
     }
 }
 

@@ -17,7 +17,6 @@ use crate::tensor_file::TensorFile;
 pub const FORMAT: &str = "motionette-evaluator-state";
 /// Value of `version` in the metadata.
 pub const VERSION: &str = "1";
-const VECTORS: [&str; 4] = ["optimizer.values", "optimizer.first", "optimizer.second", "optimizer.average"];
 
 /// A run between two steps.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,10 +65,7 @@ impl State {
         {
             file.metadata.insert(entry.to_owned(), text);
         }
-        let AdamW { values, first, second, average, .. } = &self.optimizer;
-        for (name, vector) in VECTORS.into_iter().zip([values, first, second, average]) {
-            file.insert(name, &[vector.len()], vector.clone());
-        }
+        self.optimizer.store(&mut file);
         Ok(file.save(path)?)
     }
 
@@ -83,10 +79,7 @@ impl State {
         file.expect("version", VERSION)?;
         let run: Run = file.parsed("run")?;
         run.config.check()?;
-        let vector = |name: &str| file.values(name, &[run.parameters]).map(<[f32]>::to_vec);
-        let [values, first, second, average] = VECTORS.map(vector);
-        let optimizer =
-            AdamW { values: values?, first: first?, second: second?, average: average?, updates: run.updates };
+        let optimizer = AdamW::restore(&file, run.parameters, run.updates)?;
         Ok(Self { config: run.config, data_hash: run.data_hash, step: run.step, seconds: run.seconds, optimizer })
     }
 }

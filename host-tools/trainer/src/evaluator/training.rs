@@ -9,7 +9,7 @@ use super::judge::Judge;
 use super::model::{self, Dropout, Network};
 use super::objective::{Terms, objective};
 use super::state::State;
-use crate::convolution::Shape;
+use crate::convolution::{Shape, decay_mask};
 use crate::optimizer::Settings;
 use crate::random::Random;
 use crate::schedule::{self, Plan};
@@ -45,7 +45,7 @@ impl Trainer {
         let corpus = Corpus::new(dataset, state.config.max_words)?;
         let shapes = model::shapes(&state.config, corpus.labels());
         state.begin(&shapes);
-        let decayed = model::decay_mask(&shapes);
+        let decayed = decay_mask(&shapes);
         let parameters = state.optimizer.values.len();
         if parameters != decayed.len() {
             let allowed = "the number that configuration and dataset give";
@@ -79,14 +79,7 @@ impl Trainer {
         }
         let mut flat = vec![0.0; self.state.optimizer.values.len()];
         network.collect_gradients(&total.backward(), &mut flat);
-        let settings = Settings {
-            beta1: 0.9,
-            beta2: 0.99,
-            epsilon: 1e-8,
-            weight_decay: config.weight_decay,
-            clip: config.clip,
-            average_decay: config.average_decay,
-        };
+        let settings = Settings::new(config.weight_decay, config.clip, config.average_decay);
         let plan = Plan::of_steps(config.steps, config.schedule.decay);
         let rate = schedule::rate(&config.schedule, Some(plan), step);
         let gradient_norm = self.state.optimizer.update(&settings, rate, &flat, &self.decayed);

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use motionette_host::checkpoint::prior::codebook_hash;
 use motionette_host::dataset::{Dataset, Split};
 use serde_json::json;
-use sha2::{Digest, Sha256};
 
 use super::Error;
 use super::config::Config;
@@ -124,13 +124,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         "validation": report,
     });
     finish(args.json, &facts)
-}
-
-/// SHA-256, hex, over the codebook's bytes: what binds a prior to its tokenizer.
-pub fn codebook_hash(codebook: &[f32]) -> String {
-    let mut hash = Sha256::new();
-    codebook.iter().for_each(|value| hash.update(value.to_le_bytes()));
-    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn resumed(path: &Path, config: &Config, sources: &Sources) -> Result<State, Error> {

@@ -100,11 +100,7 @@ impl State {
         ] {
             file.metadata.insert(entry.to_owned(), text);
         }
-        let length = [self.optimizer.values.len()];
-        file.insert("optimizer.values", &length, self.optimizer.values.clone());
-        file.insert("optimizer.first", &length, self.optimizer.first.clone());
-        file.insert("optimizer.second", &length, self.optimizer.second.clone());
-        file.insert("optimizer.average", &length, self.optimizer.average.clone());
+        self.optimizer.store(&mut file);
         Ok(file.save(path)?)
     }
 
@@ -118,15 +114,8 @@ impl State {
         file.expect("version", VERSION)?;
         let run: Run = file.parsed("run")?;
         run.config.check()?;
-        let length = [model::layout(&run.config.architecture, run.sources.vocabulary.len(), run.sources.codes).len()];
-        let vector = |name: &str| file.values(name, &length).map(<[f32]>::to_vec);
-        let optimizer = AdamW {
-            values: vector("optimizer.values")?,
-            first: vector("optimizer.first")?,
-            second: vector("optimizer.second")?,
-            average: vector("optimizer.average")?,
-            updates: run.updates,
-        };
+        let length = model::layout(&run.config.architecture, run.sources.vocabulary.len(), run.sources.codes).len();
+        let optimizer = AdamW::restore(&file, length, run.updates)?;
         let curves = file.parsed("curves")?;
         let Run { config, sources, step, seconds, plan, .. } = run;
         Ok(Self { config, sources, step, seconds, plan, optimizer, curves })

@@ -132,14 +132,7 @@ impl<'d> Trainer<'d> {
         let mut flat = vec![0.0; self.state.optimizer.values.len()];
         weights.collect_gradients(&total.backward(), &mut flat);
 
-        let settings = Settings {
-            beta1: 0.9,
-            beta2: 0.99,
-            epsilon: 1e-8,
-            weight_decay: config.weight_decay,
-            clip: config.clip,
-            average_decay: config.average_decay,
-        };
+        let settings = Settings::new(config.weight_decay, config.clip, config.average_decay);
         let rate = schedule::rate(&config.schedule, self.state.plan, step);
         let gradient_norm = self.state.optimizer.update(&settings, rate, &flat, &self.decayed);
         if !gradient_norm.is_finite() {

@@ -11,7 +11,7 @@ use burn::tensor::activation::relu;
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 
 use super::config::{Architecture, DOWN_T, FEATURES};
-use crate::convolution::{Convolution, Shape, upsample};
+use crate::convolution::{Convolution, Shape, add_gradients, upsample};
 use crate::random::Random;
 
 /// Shapes of all convolutions in checkpoint names and in the order in which they run; the encoder's come first.
@@ -75,14 +75,6 @@ pub fn initial_parameters(shapes: &[Shape], seed: u64) -> Vec<f32> {
         values.extend(std::iter::repeat_n(0.0, shape.outputs));
     }
     values
-}
-
-/// For every value of the flat vector: whether weight decay applies (weights yes, biases no).
-pub fn decay_mask(shapes: &[Shape]) -> Vec<bool> {
-    shapes
-        .iter()
-        .flat_map(|s| std::iter::repeat_n(true, s.weights()).chain(std::iter::repeat_n(false, s.outputs)))
-        .collect()
 }
 
 /// Masks of a batch with padded crops, one for each sampling rate from frames to tokens, each `[B, T, 1]` of ones and zeros.
@@ -175,20 +167,8 @@ impl Network {
 
     /// Adds the gradients of the parameters to a flat vector in the order of [`shapes`].
     pub fn collect_gradients(&self, gradients: &Gradients, flat: &mut [f32]) {
-        let mut offset = 0;
-        for layer in self.encoder.iter().chain(&self.decoder) {
-            for tensor in [&layer.weight, &layer.bias] {
-                let [rows, columns] = tensor.dims();
-                if let Some(gradient) = tensor.grad(gradients) {
-                    let gradient = gradient.into_data();
-                    let gradient = gradient.as_slice::<f32>().expect("parameters are f32");
-                    for (sum, g) in flat[offset..].iter_mut().zip(gradient) {
-                        *sum += g;
-                    }
-                }
-                offset += rows * columns;
-            }
-        }
+        let layers = self.encoder.iter().chain(&self.decoder);
+        add_gradients(layers.flat_map(|layer| [&layer.weight, &layer.bias]), gradients, flat);
     }
 }
 

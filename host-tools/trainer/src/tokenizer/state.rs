@@ -80,11 +80,7 @@ impl State {
         ] {
             file.metadata.insert(entry.to_owned(), text);
         }
-        let length = [self.optimizer.values.len()];
-        file.insert("optimizer.values", &length, self.optimizer.values.clone());
-        file.insert("optimizer.first", &length, self.optimizer.first.clone());
-        file.insert("optimizer.second", &length, self.optimizer.second.clone());
-        file.insert("optimizer.average", &length, self.optimizer.average.clone());
+        self.optimizer.store(&mut file);
         if let Some(book) = &self.codebook {
             let shape = [book.codes(), book.dim()];
             file.insert("codebook.rows", &shape, book.rows.clone());
@@ -104,15 +100,8 @@ impl State {
         file.expect("version", VERSION)?;
         let run: Run = file.parsed("run")?;
         run.config.check()?;
-        let length = [model::parameter_count(&model::shapes(&run.config.architecture))];
-        let vector = |name: &str| file.values(name, &length).map(<[f32]>::to_vec);
-        let optimizer = AdamW {
-            values: vector("optimizer.values")?,
-            first: vector("optimizer.first")?,
-            second: vector("optimizer.second")?,
-            average: vector("optimizer.average")?,
-            updates: run.updates,
-        };
+        let length = model::parameter_count(&model::shapes(&run.config.architecture));
+        let optimizer = AdamW::restore(&file, length, run.updates)?;
         let codebook = if run.quantized {
             let shape = [run.config.architecture.codes, run.config.architecture.code_dim];
             let rows = file.values("codebook.rows", &shape)?.to_vec();

@@ -14,6 +14,7 @@ use super::loss::{Objective, Terms};
 use super::model::{self, Masks, Network};
 use super::quantizer::Codebook;
 use super::state::State;
+use crate::convolution::decay_mask;
 use crate::optimizer::Settings;
 use crate::random::Random;
 use crate::schedule;
@@ -59,7 +60,7 @@ impl Trainer {
         state.config.check()?;
         let corpus = Corpus::new(dataset)?;
         let objective = Objective::new(&state.config.loss, corpus.normalization());
-        let decayed = model::decay_mask(&model::shapes(&state.config.architecture));
+        let decayed = decay_mask(&model::shapes(&state.config.architecture));
         Ok(Self { state, corpus, objective, device: Device::flex(), decayed })
     }
 
@@ -122,14 +123,7 @@ impl Trainer {
         let gradients = (latents * by_latent).sum().backward();
         network.collect_gradients(&gradients, &mut flat);
 
-        let settings = Settings {
-            beta1: 0.9,
-            beta2: 0.99,
-            epsilon: 1e-8,
-            weight_decay: config.weight_decay,
-            clip: config.clip,
-            average_decay: config.average_decay,
-        };
+        let settings = Settings::new(config.weight_decay, config.clip, config.average_decay);
         let rate = schedule::rate(&config.schedule(), self.state.plan, step);
         let gradient_norm = self.state.optimizer.update(&settings, rate, &flat, &self.decayed);
         if !gradient_norm.is_finite() {
