@@ -59,6 +59,15 @@ impl Anchor {
         }
     }
 
+    /// Where it wants the joint; the height that it leaves free is 0.
+    #[must_use]
+    pub fn position(&self) -> [f64; 3] {
+        match self.target {
+            Target::Root(position) | Target::Joint { position, .. } => position,
+            Target::PlanarRoot([x, z]) => [x, 0.0, z],
+        }
+    }
+
     /// Whether it fixes the height.
     #[must_use]
     pub fn fixes_height(&self) -> bool {

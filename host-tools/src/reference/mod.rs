@@ -20,6 +20,7 @@
 //! | [`erf`], [`transformer`] | linears, norms, attention, blocks |
 //! | [`text`] | a prompt to words to a memory and a length |
 //! | [`planner`] | noisy tokens and a text to logits |
+//! | [`scaffold`] | anchors to frame features |
 //! | [`tmd`] | corruption of tokens and sampling from proposals |
 //! | [`prior`] | a prior made ready: prompt to tokens |
 //! | [`tokenizer`] | a checkpoint made ready: motion to ids, ids to motion |
@@ -40,6 +41,7 @@ pub mod recover;
 pub mod resblock;
 pub mod road;
 pub mod route_solver;
+pub mod scaffold;
 pub mod text;
 pub mod tmd;
 pub mod tokenizer;
