@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`tokenizer`] | the motion tokenizer: a VQ-VAE |
 //! | [`prior`] | text encoder and planner: tokens from text |
+//! | [`control`] | anchors as a condition of a frozen prior |
 //! | [`evaluator`] | the judge of generated motion |
 //! | [`evaluate`] | tables of figures of generated motion |
 //! | [`convolution`], [`transformer`] | layers on the framework |
@@ -21,6 +22,7 @@
 #![deny(unsafe_code)]
 
 pub mod chart;
+pub mod control;
 pub mod convolution;
 pub mod evaluate;
 pub mod evaluator;

@@ -1,7 +1,7 @@
 //! Command line of the trainer.
 
 use clap::Parser;
-use motionette_train::{evaluate, evaluator, prior, tokenizer};
+use motionette_train::{control, evaluate, evaluator, prior, tokenizer};
 
 /// Trains motionette's models on motion capture.
 #[derive(Parser)]
@@ -11,6 +11,8 @@ enum Command {
     Tokenizer(tokenizer::command::Args),
     /// Trains the prior: text encoder and planner.
     Prior(prior::command::Args),
+    /// Trains what a frozen prior is told of anchors.
+    Control(control::command::Args),
     /// Trains or measures the judge of generated motion.
     Evaluator(evaluator::command::Args),
     /// Measures generated motion and writes the table.
@@ -21,6 +23,7 @@ fn main() -> anyhow::Result<()> {
     match Command::parse() {
         Command::Tokenizer(args) => tokenizer::command::run(&args),
         Command::Prior(args) => prior::command::run(&args),
+        Command::Control(args) => control::command::run(&args),
         Command::Evaluator(args) => evaluator::command::run(&args),
         Command::Evaluate(args) => evaluate::command::run(&args),
     }

@@ -88,6 +88,8 @@ impl Layout {
     }
 
     /// A linear layer whose outputs have the variance of its inputs times `gain` squared.
+    ///
+    /// A gain of 0 begins with zeros.
     pub fn linear(&mut self, name: &str, outputs: usize, inputs: usize, gain: f64) {
         self.embedding(name, outputs, inputs, gain / (inputs as f64).sqrt());
         self.bias(name, outputs);
@@ -216,6 +218,29 @@ pub fn padding(lengths: &[usize], window: usize, device: &Device) -> Option<Tens
     Some(Tensor::from_data(TensorData::new(values, [lengths.len(), 1, 1, window]), device))
 }
 
+/// Rows that a block looks at, `[B, S, C]`, with the additive mask of their padding.
+pub type Rows<'t> = (&'t Tensor<3>, Option<&'t Tensor<4>>);
+
+/// A further network that has a say in a stack of blocks. What it leaves alone stays as it is.
+pub trait Guest {
+    /// The rows before the first block.
+    fn before(&mut self, x: Tensor<3>, _mask: Option<&Tensor<4>>, _memory: Option<Rows<'_>>) -> Tensor<3> {
+        x
+    }
+
+    /// Further keys and values `[B, S, 2 d]` of a block's self-attention, and their additive mask `[B, 1, 1, S]`.
+    fn keys_values(&mut self, _layer: usize) -> Option<(Tensor<3>, Tensor<4>)> {
+        None
+    }
+
+    /// The rows behind a block.
+    fn behind(&mut self, _layer: usize, x: Tensor<3>) -> Tensor<3> {
+        x
+    }
+}
+
+impl Guest for () {}
+
 /// Parameters on a device.
 pub struct Weights {
     tensors: Vec<Tensor<2>>,
@@ -282,36 +307,66 @@ impl Weights {
         scaled * vector("weight") + vector("bias")
     }
 
-    /// Blocks `prefix.layers.{i}`, norms before their branches. `memory` holds the rows that cross-attention looks at.
+    /// Blocks `prefix.layers.{i}`. `memory` holds the rows that cross-attention looks at.
     pub fn blocks(
         &self,
         prefix: &str,
         sizes: &Sizes,
-        mut x: Tensor<3>,
+        x: Tensor<3>,
         mask: Option<&Tensor<4>>,
-        memory: Option<(&Tensor<3>, Option<&Tensor<4>>)>,
+        memory: Option<Rows<'_>>,
+        guest: &mut dyn Guest,
         dropout: &mut Dropout,
     ) -> Tensor<3> {
-        let d = sizes.width;
+        let mut x = guest.before(x, mask, memory);
         for layer in 0..sizes.layers {
-            let name = |part: &str| format!("{prefix}.layers.{layer}.{part}");
-            let h = self.norm(&name("norm1"), x.clone());
-            let qkv = self.linear(&name("attention.qkv"), h);
-            let part = |i: usize| qkv.clone().narrow(2, i * d, d);
-            let h = attention(part(0), part(1), part(2), sizes.heads, mask);
-            x = x + dropout.apply(self.linear(&name("attention.out"), h));
-            if let Some((memory, mask)) = memory {
-                let h = self.norm(&name("norm_cross"), x.clone());
-                let q = self.linear(&name("cross.q"), h);
-                let kv = self.linear(&name("cross.kv"), memory.clone());
-                let h = attention(q, kv.clone().narrow(2, 0, d), kv.narrow(2, d, d), sizes.heads, mask);
-                x = x + dropout.apply(self.linear(&name("cross.out"), h));
-            }
-            let h = self.norm(&name("norm2"), x.clone());
-            let h = gelu(self.linear(&name("ffn.in"), h));
-            x = x + dropout.apply(self.linear(&name("ffn.out"), h));
+            let extra = guest.keys_values(layer);
+            x = self.block(&format!("{prefix}.layers.{layer}"), sizes.heads, x, mask, memory, extra, dropout);
+            x = guest.behind(layer, x);
         }
         x
+    }
+
+    /// The block called `name`, norms before its branches; self-attention looks at `extra` as well.
+    pub fn block(
+        &self,
+        name: &str,
+        heads: usize,
+        mut x: Tensor<3>,
+        mask: Option<&Tensor<4>>,
+        memory: Option<Rows<'_>>,
+        extra: Option<(Tensor<3>, Tensor<4>)>,
+        dropout: &mut Dropout,
+    ) -> Tensor<3> {
+        let [batch, rows, d] = x.dims();
+        let name = |part: &str| format!("{name}.{part}");
+        let h = self.norm(&name("norm1"), x.clone());
+        let qkv = self.linear(&name("attention.qkv"), h);
+        let part = |i: usize| qkv.clone().narrow(2, i * d, d);
+        let h = match extra {
+            None => attention(part(0), part(1), part(2), heads, mask),
+            Some((kv, hidden)) => {
+                let more = |i: usize| Tensor::cat(vec![part(1 + i), kv.clone().narrow(2, i * d, d)], 1);
+                let own = mask.cloned().unwrap_or_else(|| Tensor::zeros([batch, 1, 1, rows], &self.device));
+                attention(part(0), more(0), more(1), heads, Some(&Tensor::cat(vec![own, hidden], 3)))
+            }
+        };
+        x = x + dropout.apply(self.linear(&name("attention.out"), h));
+        if let Some(memory) = memory {
+            x = x.clone() + dropout.apply(self.cross(&name("norm_cross"), &name("cross"), heads, x, memory));
+        }
+        let h = self.norm(&name("norm2"), x.clone());
+        let h = gelu(self.linear(&name("ffn.in"), h));
+        x + dropout.apply(self.linear(&name("ffn.out"), h))
+    }
+
+    /// Attention of the normed rows `x` to the rows of a memory, `cross.{q, kv, out}`.
+    pub fn cross(&self, norm: &str, cross: &str, heads: usize, x: Tensor<3>, (memory, mask): Rows<'_>) -> Tensor<3> {
+        let d = x.dims()[2];
+        let q = self.linear(&format!("{cross}.q"), self.norm(norm, x));
+        let kv = self.linear(&format!("{cross}.kv"), memory.clone());
+        let h = attention(q, kv.clone().narrow(2, 0, d), kv.narrow(2, d, d), heads, mask);
+        self.linear(&format!("{cross}.out"), h)
     }
 }
 
@@ -356,7 +411,7 @@ mod tests {
         let memory = Tensor::from_data(TensorData::new(memory.to_vec(), [batch, rows, 4]), device);
         let mask = padding(lengths, window, device);
         let mut off = Dropout::new(0.0, Random::new(0, 0));
-        let y = weights.blocks("p", &SIZES, x, mask.as_ref(), Some((&memory, None)), &mut off);
+        let y = weights.blocks("p", &SIZES, x, mask.as_ref(), Some((&memory, None)), &mut (), &mut off);
         (weights, y)
     }
 

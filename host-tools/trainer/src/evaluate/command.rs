@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
+use motionette_host::blob_file::BlobFile;
 use motionette_host::checkpoint::file_hash;
 use motionette_host::dataset::{Dataset, Split};
 use motionette_host::motion::features::{Bones, Options, extract};
@@ -10,10 +11,19 @@ use motionette_host::motion::mirror::mirror_joints;
 use motionette_host::parallel;
 
 use super::codec::Codec;
-use super::generators;
-use super::prior::{Bench, Generate};
+use super::control::bench::{Bench, Store};
+use super::control::page::Page;
+use super::control::tables::Course;
+use super::figures::Yardstick;
+use super::prior::Generate;
+use super::prompt::prompts;
 use super::report::{self, Facts};
+use super::sample::judged;
+use super::{generators, prior, real};
+use crate::control;
+use crate::control::sampling::Planner;
 use crate::evaluator::judge::Judge;
+use crate::prior::captions::Vocabulary;
 use crate::run::finish;
 use crate::tokenizer::config::{FEATURES, FRAMES_PER_TOKEN};
 
@@ -22,6 +32,18 @@ use crate::tokenizer::config::{FEATURES, FRAMES_PER_TOKEN};
 pub enum Table {
     /// Text to motion: real motion, tokenizer, f32 reference, int8 runtime, shuffled text.
     Prior,
+    /// Anchors: the controlled generator, RouteSolver at 100, 200 and 500 steps, the default at 10, 20 and 40 evaluations.
+    Frontier,
+    /// Controls trained in different ways (give them with --control), without refinement.
+    Components,
+    /// Plain updates, interval basis with uniform activity, RouteSolver.
+    Refinement,
+    /// RouteSolver's basis and activity taken apart.
+    Mechanism,
+    /// Six joints: prior with solver, controlled generator, both.
+    Sparse,
+    /// Seconds, decoder evaluations and work of a sample, one thread.
+    Runtime,
 }
 
 /// Who generates motion.
@@ -65,12 +87,21 @@ pub struct Args {
     /// Folder of the table.
     #[arg(short, long, value_name = "FOLDER", default_value = "docs/results")]
     pub out: PathBuf,
-    /// Motions for every caption, at least 2.
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(2..))]
-    pub seeds: u64,
-    /// Uses only so many captions, spread evenly.
+    /// Motions for every caption; 5 for the prior's table, which needs 2 at least, 3 for the others.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    pub seeds: Option<u64>,
+    /// Uses only so many captions, spread evenly; 100 for the tables of anchors.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(2..))]
     pub limit: Option<u64>,
+    /// A trained control for the table of components, several times; as it is named there and its checkpoint.
+    #[arg(long, value_name = "NAME=FILE")]
+    pub control: Vec<String>,
+    /// Where motions of the tables of anchors are kept, so that a long table can go on.
+    #[arg(long, value_name = "FILE", default_value = "data/evaluate/control.jsonl")]
+    pub store: PathBuf,
+    /// Instructions of a Cortex-M7 a multiply-accumulate, for the table of the runtime.
+    #[arg(long, default_value_t = 5.5)]
+    pub instructions_per_mac: f64,
     /// Prints the table's JSON on the last line.
     #[arg(long)]
     pub json: bool,
@@ -85,6 +116,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let judge = Judge::load(&args.evaluator)
         .context("the evaluator cannot be used; make one with motionette-train evaluator")?;
     let codec = Codec::load(&args.tokenizer)?;
+    if args.table != Table::Prior {
+        return anchored(args, &dataset, &judge, &codec);
+    }
+    let seeds = args.seeds.unwrap_or(5);
+    ensure!(seeds >= 2, "--seeds {seeds}: the prior's table compares motions of one caption, give 2 or more");
     eprintln!("tokens of the training split");
     let training = training_tokens(&dataset, &codec);
     let mut files = vec![&args.data, &args.evaluator, &args.tokenizer];
@@ -98,18 +134,18 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         generators
             .push(("runtime", generators::runtime(&args.blob, &[&args.tokenizer, &args.prior], args.generation)?));
     }
-    let bench = Bench {
+    let bench = prior::Bench {
         judge: &judge,
         codec: &codec,
         dataset: &dataset,
         training: &training,
         generators: &generators,
-        seeds: args.seeds,
+        seeds,
     };
     let limit = args.limit.map_or(usize::MAX, |count| usize::try_from(count).unwrap_or(usize::MAX));
     let tables = bench.tables(limit, &|text| eprintln!("{text}"))?;
     let facts = Facts {
-        seeds: args.seeds,
+        seeds,
         files: hashes(&files)?,
         command: format!("motionette-train evaluate --table prior{}", args.generation.flags()),
         generation: args.generation.facts(),
@@ -117,6 +153,95 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     report::save(&args.out, &tables, &facts)?;
     eprintln!("{}", args.out.join("prior.md").display());
     finish(args.json, &report::json(&tables, &facts))
+}
+
+/// The tables of anchor control.
+fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> anyhow::Result<()> {
+    let seeds = args.seeds.unwrap_or(3);
+    let limit = args.limit.map_or(100, |count| usize::try_from(count).unwrap_or(usize::MAX));
+    let mut files = vec![&args.data, &args.evaluator, &args.tokenizer, &args.blob];
+    let mut chosen = prompts(dataset, Split::Test);
+    if limit < chosen.len() {
+        chosen = (0..limit).map(|i| chosen[i * chosen.len() / limit].clone()).collect();
+    }
+    let real = real::motions(dataset, &chosen, codec)?;
+    let captions: Vec<&str> = chosen.iter().map(|prompt| prompt.caption.as_str()).collect();
+    let yardstick = Yardstick {
+        texts: judge.texts(&captions),
+        real: judged(judge, &chosen, &real, &[])?.into_iter().map(|motion| motion.embedding).collect(),
+        rounds: seeds as usize,
+        prompts: chosen,
+    };
+    let controls = args.control.iter().map(|text| {
+        let (name, file) = text.split_once('=').with_context(|| format!("--control {text}: write NAME=FILE"))?;
+        Ok((name.to_owned(), PathBuf::from(file)))
+    });
+    let controls: Vec<(String, PathBuf)> = controls.collect::<anyhow::Result<_>>()?;
+    let mut planners = Vec::new();
+    for (name, file) in &controls {
+        let (frozen, sources) = control::command::frozen(&args.prior, &args.tokenizer)?;
+        let prior = control::state::Sources::of(&dataset.hash, &frozen).prior;
+        let trained = control::checkpoint::load(file, &frozen, &prior)
+            .with_context(|| format!("the control {} cannot be used", file.display()))?;
+        let key = format!("{name}@{}", file_hash(file)?);
+        planners.push((key, Planner::new(frozen, Vocabulary::new(sources.vocabulary), Some(trained))));
+        files.push(file);
+    }
+    let blob = BlobFile::open(&args.blob)?;
+    let identity = format!("{} {} {} {:?}", file_hash(&args.blob)?, dataset.hash, real.len(), args.generation);
+    let store = Store::open(&args.store)?;
+    let mut bench =
+        Bench { judge, yardstick, real, blob: &blob, identity, planners, generation: args.generation, store };
+    let course = Course { seeds, say: &|text| eprintln!("{text}") };
+    let (name, title, entries) = match args.table {
+        Table::Prior => return Ok(()),
+        Table::Frontier => ("frontier", "What refinement makes of anchors", bench.frontier(&course)?),
+        Table::Components => ("components", "How anchors reach the planner", bench.components(&course)?),
+        Table::Refinement => ("refinement", "Ways to refine", bench.refinement(&course)?),
+        Table::Mechanism => ("mechanism", "RouteSolver taken apart", bench.mechanism(&course)?),
+        Table::Sparse => ("sparse", "Six joints at five frames", bench.sparse(&course)?),
+        Table::Runtime => ("runtime", "What a sample costs", bench.runtime(&course, args.instructions_per_mac)?),
+    };
+    let notes = format!(
+        "`bnr` test split, {} clips of their own lengths, {seeds} seeds; anchors are places of the clip at random frames, the same for \
+         every row. All rows are the int8 runtime's but those of `components` that name a control, which are the trainer's f32 \
+         networks. Figures are means with half the width of a 95 % bootstrap interval over the clips. {}",
+        bench.real.len(),
+        remarks(args.table)
+    );
+    let facts = Facts {
+        seeds,
+        files: hashes(&files)?,
+        command: format!("motionette-train evaluate --table {name}{}", args.generation.flags()),
+        generation: args.generation.facts(),
+    };
+    let page = Page { name, title, notes, entries: &entries, facts: &facts };
+    page.save(&args.out, args.table == Table::Frontier)?;
+    eprintln!("{}", args.out.join(format!("{name}.md")).display());
+    finish(args.json, &page.json())
+}
+
+/// What a table's reader should know.
+fn remarks(table: Table) -> &'static str {
+    match table {
+        Table::Prior => "",
+        Table::Frontier => {
+            "`generator`: the controlled generator alone. `ours10`, `ours20`, `ours40`: the default refinement at so many decoder \
+             evaluations. `rs100`, `rs200`, `rs500`: RouteSolver as published with so many Adam steps. Means are over 2, 4, 8, 16 \
+             and 32 anchors, those of `rs500` over 2, 8 and 32."
+        }
+        Table::Components => {
+            "Means over the three families and 2, 8 and 32 anchors, no refinement. `prior` does not know the anchors; `runtime` is \
+             the shipped int8 model."
+        }
+        Table::Refinement => "200 Adam steps each; means over 2, 8 and 32 anchors.",
+        Table::Mechanism => "Body points, 200 Adam steps each; means over 2, 8 and 32 anchors.",
+        Table::Sparse => "Pelvis, feet, head and hands at five random frames: 30 anchors.",
+        Table::Runtime => {
+            "Four anchors, two kinds; one thread. Work is planned multiply-accumulates, scaled to the evaluations that were made; \
+             instructions are that work times the instructions a multiply-accumulate that were counted for the M7 image."
+        }
+    }
 }
 
 /// Token sequences of the training split and of its mirrored twins, begun at each frame of a token.

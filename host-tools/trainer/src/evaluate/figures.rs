@@ -9,7 +9,7 @@ use super::bootstrap::half_width;
 use super::frechet::{self, Gaussian};
 use super::prompt::Prompt;
 use super::retrieval;
-use super::sample::{Judged, Sample};
+use super::sample::{Controlled, Judged, Sample};
 use super::spread::{Distances, mean_distance};
 use crate::random::Random;
 
@@ -123,7 +123,19 @@ impl Yardstick {
         let distances = prompts.clone().map(|i| {
             Some(mean(sample.motions.iter().map(|motions| retrieval::distance(&motions[i].embedding, texts[i]))))
         });
+        let anchored = |value: &dyn Fn(&Controlled) -> f64| -> Vec<Option<f64>> {
+            let mean_of = |i: usize| -> Option<f64> {
+                let of: Option<Vec<f64>> =
+                    sample.motions.iter().map(|motions| motions[i].controlled.as_ref().map(value)).collect();
+                of.map(|values| mean(values.into_iter()))
+            };
+            prompts.clone().map(mean_of).collect()
+        };
         vec![
+            ("control_error_cm", anchored(&|c| c.error_cm)),
+            ("jerk", anchored(&|c| c.jerk)),
+            ("du", anchored(&|c| c.distance)),
+            ("evaluations", anchored(&|c| c.evaluations)),
             ("action_accuracy", over_seeds(&|motion, prompt| yes(motion.content == prompt.content))),
             ("style_accuracy", over_seeds(&|motion, prompt| yes(motion.style == prompt.style))),
             ("top1", top1),

@@ -64,7 +64,8 @@ pub enum Proposal {
 }
 
 impl Options {
-    fn planning(self, prompt: &Prompt, seed: u64) -> Planning<'static> {
+    /// For the runtime.
+    pub fn planning(self, prompt: &Prompt, seed: u64) -> Planning<'static> {
         let Self { temperature, top_k, top_p, .. } = self;
         Planning {
             length: Length::Tokens(prompt.tokens as u16),
@@ -84,7 +85,8 @@ impl Options {
         }
     }
 
-    fn settings(self, prompt: &Prompt, seed: u64) -> tmd::Settings {
+    /// For the reference.
+    pub fn settings(self, prompt: &Prompt, seed: u64) -> tmd::Settings {
         let Self { temperature, top_k, top_p, .. } = self;
         tmd::Settings {
             seed: drawn_seed(prompt, seed),

@@ -13,6 +13,7 @@
 //! | [`copies`] | near-copies of training sequences |
 //! | [`bootstrap`] | intervals |
 //! | [`generators`] | motion from text by reference and runtime |
+//! | [`control`] | the tables of anchor control |
 //! | [`prior`] | the table of the prior |
 //! | [`report`] | Markdown and JSON |
 //! | [`command`] | `motionette-train evaluate` |
@@ -20,6 +21,7 @@
 pub mod bootstrap;
 pub mod codec;
 pub mod command;
+pub mod control;
 pub mod copies;
 pub mod figures;
 pub mod frechet;

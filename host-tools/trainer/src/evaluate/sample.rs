@@ -2,14 +2,28 @@
 
 use motionette_host::motion::features::Processed;
 use motionette_host::{metrics, parallel};
+use serde::{Deserialize, Serialize};
 
 use super::prompt::{Motion, Prompt};
 use super::{Error, copies};
 use crate::evaluator::judge::Judge;
 use crate::evaluator::motion;
 
+/// What became of a motion's anchors.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Controlled {
+    /// Mean distance from them, centimetres.
+    pub error_cm: f64,
+    /// Mean magnitude of the jerk over all joints, m/s^3.
+    pub jerk: f64,
+    /// How far refinement moved the token embeddings, `||u - u0||`.
+    pub distance: f64,
+    /// Decoder evaluations of the refinement.
+    pub evaluations: f64,
+}
+
 /// One motion, judged.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Judged {
     /// Unit vector.
     pub embedding: Vec<f64>,
@@ -21,6 +35,8 @@ pub struct Judged {
     pub foot_skating: f64,
     /// Whether its tokens are nearly those of a training sequence.
     pub near_copy: bool,
+    /// What became of its anchors, where it had some.
+    pub controlled: Option<Controlled>,
 }
 
 /// The motions of one row: one for every seed and prompt.
@@ -91,6 +107,7 @@ pub fn judged(
                 style: judgement.style.to_owned(),
                 foot_skating: *skating,
                 near_copy: *near_copy,
+                controlled: None,
             }
         };
     Ok(judgements.into_iter().zip(&prepared).map(judged).collect())

@@ -57,6 +57,7 @@ fn example(noise: f64) -> (Yardstick, Sample) {
                 style: p.style.clone(),
                 foot_skating: 0.25,
                 near_copy: p.clip < 24,
+                controlled: None,
             };
             prompts.iter().map(judged).collect()
         })

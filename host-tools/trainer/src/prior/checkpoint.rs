@@ -8,8 +8,9 @@ use std::path::Path;
 use serde_json::json;
 
 use super::Error;
-use super::config::MAX_TOKENS;
-use super::state::State;
+use super::config::{Config, MAX_TOKENS};
+use super::model;
+use super::state::{Sources, State};
 use super::validation::Report;
 use crate::tensor_file::TensorFile;
 use crate::transformer::EPSILON;
@@ -59,4 +60,23 @@ pub fn save(state: &State, path: &Path, report: &Report) -> Result<(), Error> {
         file.insert(parameter.name.clone(), &parameter.shape(), values.to_vec());
     }
     Ok(file.save(path)?)
+}
+
+/// Configuration, sources and flat weights of a file that [`save`] wrote.
+///
+/// # Errors
+/// [`Error::File`] naming the entry or tensor that is missing or does not fit, [`Error::Setting`] for a configuration out of range.
+pub fn load(path: &Path) -> Result<(Config, Sources, Vec<f32>), Error> {
+    let file = TensorFile::load(path)?;
+    file.expect("format", FORMAT)?;
+    file.expect("version", VERSION)?;
+    let config: Config = file.parsed("training")?;
+    config.check()?;
+    let sources: Sources = file.parsed("config")?;
+    let layout = model::layout(&config.architecture, sources.vocabulary.len(), sources.codes);
+    let mut values = Vec::with_capacity(layout.len());
+    for parameter in &layout.parameters {
+        values.extend(file.values(&parameter.name, &parameter.shape())?);
+    }
+    Ok((config, sources, values))
 }

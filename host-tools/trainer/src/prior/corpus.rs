@@ -5,8 +5,11 @@ use std::collections::BTreeMap;
 use burn::tensor::{Device, Tensor, TensorData};
 use motionette_host::dataset::{ClipView, Dataset, Split};
 use motionette_host::motion::features::{Bones, Options, extract};
+use motionette_host::motion::Pose;
 use motionette_host::motion::mirror::mirror_joints;
 use motionette_host::parallel;
+use motionette_host::reference::recover::{self, CHANNELS};
+use motionette_host::reference::scaffold::{Statistics, VALUES};
 
 use super::Error;
 use super::captions::{NONE, Paraphrases, UNKNOWN, Vocabulary, mirrored};
@@ -30,6 +33,16 @@ struct Motion {
     mirrored: bool,
     /// Tokens from frame 0, 1, 2 and 3 on: the same motion, cut at other places.
     phases: Vec<Vec<u16>>,
+    /// What its joints are recovered from, `[T][CHANNELS]`.
+    channels: Vec<f32>,
+}
+
+/// A token and where its frames begin.
+#[derive(Clone, Copy)]
+struct Piece {
+    token: u16,
+    motion: usize,
+    frame: usize,
 }
 
 /// An example with what the networks should say of it.
@@ -41,6 +54,8 @@ pub struct Labelled {
     pub clean: Vec<u16>,
     /// Length of the whole motion, where it is shown whole.
     pub length: Option<usize>,
+    /// Motion and first frame of every token.
+    places: Vec<(usize, usize)>,
 }
 
 /// One split as tokens.
@@ -102,14 +117,16 @@ impl<'d> Corpus<'d> {
         let mut motions = Vec::with_capacity(all.len());
         let mut alike: BTreeMap<(String, bool), Vec<usize>> = BTreeMap::new();
         for ((clip, mirrored), features) in all.iter().zip(parallel::map(&all, features)) {
-            let features = tokenizer.normalization.apply(&features?);
+            let features = features?;
+            let channels = features.chunks_exact(FEATURES).flat_map(|row| &row[..CHANNELS]).copied().collect();
+            let features = tokenizer.normalization.apply(&features);
             let encode = |first: usize| tokens(tokenizer, &network, &features[first * FEATURES..], &device);
             let phases: Vec<Vec<u16>> = (0..FRAMES_PER_TOKEN).map(encode).filter(|tokens| !tokens.is_empty()).collect();
             let labels = &dataset.clips[*clip].labels;
             if let (Some(content), Some(style)) = (labels.get("content"), labels.get("style")) {
                 alike.entry((format!("{content} {style}"), *mirrored)).or_default().push(motions.len());
             }
-            motions.push(Motion { clip: *clip, mirrored: *mirrored, phases });
+            motions.push(Motion { clip: *clip, mirrored: *mirrored, phases, channels });
         }
         Ok(Self {
             dataset,
@@ -131,6 +148,28 @@ impl<'d> Corpus<'d> {
         self.motions.iter().map(|motion| motion.phases[0].len()).sum()
     }
 
+    /// Mean and deviation of the places of joints over all motions, metres from where each begins.
+    pub fn statistics(&self) -> Statistics {
+        let mut sums = vec![(0.0f64, 0.0f64); VALUES];
+        let mut count = 0.0f64;
+        for motion in &self.motions {
+            for pose in recover::joints(&motion.channels, CHANNELS) {
+                count += 1.0;
+                for ((sum, square), x) in sums.iter_mut().zip(pose.as_flattened()) {
+                    *sum += f64::from(*x);
+                    *square += f64::from(*x) * f64::from(*x);
+                }
+            }
+        }
+        let mean = |sum: f64| sum / count.max(1.0);
+        let deviation =
+            |(sum, square): &(f64, f64)| (mean(*square) - mean(*sum) * mean(*sum)).max(0.0).sqrt().max(1e-2);
+        Statistics {
+            mean: sums.iter().map(|(sum, _)| mean(*sum) as f32).collect(),
+            std: sums.iter().map(|moments| deviation(moments) as f32).collect(),
+        }
+    }
+
     /// The batch of a step: drawn with the other steps of its pool, sorted by length, every step a stretch of them.
     pub fn batch(&self, config: &Config, metric: &Metric, step: u64) -> Vec<Labelled> {
         let mut random = Random::new(config.seed, step / POOL);
@@ -147,13 +186,14 @@ impl<'d> Corpus<'d> {
 
     /// One example: a motion, perhaps joined, perhaps cropped, perhaps with fixed tokens, corrupted at a random time.
     fn draw(&self, config: &Config, metric: &Metric, random: &mut Random) -> Labelled {
-        let motion = &self.motions[random.below(self.motions.len())];
-        let mut tokens = motion.phases[random.below(motion.phases.len())].clone();
+        let index = random.below(self.motions.len());
+        let motion = &self.motions[index];
+        let mut pieces = self.pieces(index, random.below(motion.phases.len()));
         let mut joined = false;
         if random.unit() < config.joins {
-            joined = self.join(motion, &mut tokens, metric, random);
+            joined = self.join(motion, &mut pieces, metric, random);
         }
-        let whole = tokens.len();
+        let whole = pieces.len();
         let (mut start, mut end) = (0, whole);
         if whole > MAX_TOKENS || (random.unit() < config.crops && whole > 4) {
             let shortest = 4.min(whole);
@@ -167,39 +207,54 @@ impl<'d> Corpus<'d> {
             };
             end = start + length;
         }
-        let clean = tokens[start..end].to_vec();
+        let clean: Vec<u16> = pieces[start..end].iter().map(|piece| piece.token).collect();
+        let places = pieces[start..end].iter().map(|piece| (piece.motion, piece.frame)).collect();
         let fixed = fixed(clean.len(), random.unit() < config.fixed, random);
         let t = random.unit() as f32;
         let z = clean.iter().zip(&fixed).map(|(c, f)| if *f { *c } else { metric.corrupt(*c, t, random) }).collect();
         let words = self.sentence(motion, config, random);
         let length = (start == 0 && end == whole && !joined).then_some(whole);
         let example = Example { words, z, fixed, t, start_open: start > 0, end_open: end < whole };
-        Labelled { example, clean, length }
+        Labelled { example, clean, length, places }
+    }
+
+    /// The tokens of a motion from frame `phase` on.
+    fn pieces(&self, motion: usize, phase: usize) -> Vec<Piece> {
+        let tokens = self.motions[motion].phases[phase].iter().enumerate();
+        tokens.map(|(i, token)| Piece { token: *token, motion, frame: phase + FRAMES_PER_TOKEN * i }).collect()
+    }
+
+    /// Joints of the real motion behind an example, [`FRAMES_PER_TOKEN`] frames a token, metres, from the origin facing +z. Joined
+    /// motions go on where the first ends.
+    pub fn joints(&self, labelled: &Labelled) -> Vec<Pose> {
+        let rows = |(motion, frame): &(usize, usize)| {
+            &self.motions[*motion].channels[frame * CHANNELS..][..FRAMES_PER_TOKEN * CHANNELS]
+        };
+        recover::joints(&labelled.places.iter().flat_map(rows).copied().collect::<Vec<f32>>(), CHANNELS)
     }
 
     /// Appends another motion of the same labels where its tokens go on best; at most [`MAX_TOKENS`] in all.
-    fn join(&self, motion: &Motion, tokens: &mut Vec<u16>, metric: &Metric, random: &mut Random) -> bool {
+    fn join(&self, motion: &Motion, pieces: &mut Vec<Piece>, metric: &Metric, random: &mut Random) -> bool {
         let labels = &self.dataset.clips[motion.clip].labels;
         let (Some(content), Some(style)) = (labels.get("content"), labels.get("style")) else { return false };
         let Some(group) = self.alike.get(&(format!("{content} {style}"), motion.mirrored)) else { return false };
-        let Some(last) = tokens.last().copied() else { return false };
-        let room = MAX_TOKENS.saturating_sub(tokens.len());
-        let mut best: Option<(f32, &[u16])> = None;
+        let Some(last) = pieces.last().map(|piece| piece.token) else { return false };
+        let room = MAX_TOKENS.saturating_sub(pieces.len());
+        let mut best: Option<(f32, [usize; 3])> = None;
         for _ in 0..CONTINUATIONS {
-            let other = &self.motions[group[random.below(group.len())]];
-            let other = &other.phases[random.below(other.phases.len())];
+            let index = group[random.below(group.len())];
+            let phase = random.below(self.motions[index].phases.len());
+            let other = &self.motions[index].phases[phase];
             for first in 0..=other.len() / 3 {
-                let rest = &other[first.min(other.len() - 1)..];
-                let distance = metric.distance(last, rest[0]);
-                if rest.len() <= room && best.is_none_or(|(least, _)| distance < least) {
-                    best = Some((distance, rest));
+                let first = first.min(other.len() - 1);
+                let distance = metric.distance(last, other[first]);
+                if other.len() - first <= room && best.is_none_or(|(least, _)| distance < least) {
+                    best = Some((distance, [index, phase, first]));
                 }
             }
         }
-        match best {
-            Some((_, rest)) => tokens.extend_from_slice(rest),
-            None => return false,
-        }
+        let Some((_, [index, phase, first])) = best else { return false };
+        pieces.extend_from_slice(&self.pieces(index, phase)[first..]);
         true
     }
 
@@ -235,7 +290,8 @@ impl<'d> Corpus<'d> {
             let fixed = vec![false; clean.len()];
             let length = (!end_open).then_some(clean.len());
             let example = Example { words, z, fixed, t, start_open: false, end_open };
-            examples.push(Labelled { example, clean, length });
+            let places = (0..clean.len()).map(|i| (index, FRAMES_PER_TOKEN * i)).collect();
+            examples.push(Labelled { example, clean, length, places });
         }
         examples.sort_by_key(|labelled| labelled.clean.len());
         examples

@@ -5,7 +5,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use super::captions::NONE;
 use super::config::{Architecture, MAX_TOKENS, TIME_BINS};
 use crate::random::Random;
-use crate::transformer::{Dropout, Layout, Weights, padding};
+use crate::transformer::{Dropout, Guest, Layout, Weights, padding};
 
 /// Deviation of embeddings at the start.
 const EMBEDDING: f64 = 0.1;
@@ -68,8 +68,15 @@ fn padded<'e, T: 'e>(
     batch.iter().flat_map(|e| (0..window).map(|i| of(e, i).map_or(fill, &id)).collect::<Vec<_>>()).collect()
 }
 
-/// Runs text encoder and planner over a batch.
-pub fn forward(a: &Architecture, weights: &Weights, batch: &[Example], dropout: f32, random: Random) -> Output {
+/// Runs text encoder and planner over a batch; `guest` has a say in the planner's blocks.
+pub fn forward(
+    a: &Architecture,
+    weights: &Weights,
+    batch: &[Example],
+    guest: &mut dyn Guest,
+    dropout: f32,
+    random: Random,
+) -> Output {
     let device: &Device = weights.device();
     let mut dropout = Dropout::new(dropout, random);
     let (size, text, planner) = (batch.len(), &a.text, &a.planner);
@@ -81,7 +88,7 @@ pub fn forward(a: &Architecture, weights: &Weights, batch: &[Example], dropout: 
     let x = weights.rows("text.embedding", &ids).reshape([size, window, text.width])
         + weights.rows("text.position", &places).reshape([1, window, text.width]);
     let mask = padding(&counts, window, device);
-    let memory = weights.norm("text.norm", weights.blocks("text", text, x, mask.as_ref(), None, &mut dropout));
+    let memory = weights.norm("text.norm", weights.blocks("text", text, x, mask.as_ref(), None, &mut (), &mut dropout));
     // Mean over the words that are there, as a product with a row of shares.
     let shares: Vec<f32> =
         counts.iter().flat_map(|n| (0..window).map(move |i| if i < *n { 1.0 / *n as f32 } else { 0.0 })).collect();
@@ -117,7 +124,8 @@ pub fn forward(a: &Architecture, weights: &Weights, batch: &[Example], dropout: 
     let x = Tensor::cat(vec![global, x], 1);
     let own: Vec<usize> = lengths.iter().map(|n| n + 1).collect();
     let own = padding(&own, window + 1, device);
-    let x = weights.blocks("planner", planner, x, own.as_ref(), Some((&memory, mask.as_ref())), &mut dropout);
+    let memory = (&memory, mask.as_ref());
+    let x = weights.blocks("planner", planner, x, own.as_ref(), Some(memory), guest, &mut dropout);
     let h = weights.norm("planner.norm", x.narrow(1, 1, window));
     Output { tokens: weights.linear("planner.token", h), length }
 }

@@ -114,7 +114,7 @@ impl<'d> Trainer<'d> {
         let weights = Weights::new(&layout, &self.state.optimizer.values, true, &device);
         let examples: Vec<_> = batch.iter().map(|l| l.example.clone()).collect();
         let random = Random::new(config.seed, DROPOUT_STREAM + step);
-        let output = model::forward(&config.architecture, &weights, &examples, config.dropout, random);
+        let output = model::forward(&config.architecture, &weights, &examples, &mut (), config.dropout, random);
         let (token_targets, length_targets) = targets(&batch);
         let share = |targets: &[Option<usize>]| 1.0 / targets.iter().flatten().count().max(1) as f32;
 

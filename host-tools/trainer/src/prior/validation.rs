@@ -35,7 +35,7 @@ pub fn measure(state: &State, corpus: &Corpus<'_>, metric: &Metric) -> Report {
         let (mut tokens, mut length) = (Score::default(), Score::default());
         for batch in examples.chunks(32) {
             let inputs: Vec<_> = batch.iter().map(|l| l.example.clone()).collect();
-            let output = model::forward(&state.config.architecture, &weights, &inputs, 0.0, Random::new(0, 0));
+            let output = model::forward(&state.config.architecture, &weights, &inputs, &mut (), 0.0, Random::new(0, 0));
             let (by_tokens, by_length) = targets(batch);
             tokens.add(cross_entropy(&mut values(&output.tokens), &by_tokens, 1.0));
             length.add(cross_entropy(&mut values(&output.length), &by_length, 1.0));

@@ -134,6 +134,23 @@ impl Network {
         }
     }
 
+    /// The decoder alone, of the first `features` channels, frozen.
+    pub fn frozen_decoder(architecture: &Architecture, values: &[f32], features: usize, device: &Device) -> Self {
+        let mut rest = &values[parameter_count(&encoder_shapes(architecture))..];
+        let place = |shape: &Shape| {
+            let (own, after) = rest.split_at(shape.parameters());
+            rest = after;
+            if shape.outputs != FEATURES {
+                return Convolution::new(shape, own, false, device);
+            }
+            // Biases lie behind the weights as one row more.
+            let kept: Vec<f32> = own.chunks_exact(FEATURES).flat_map(|row| &row[..features]).copied().collect();
+            Convolution::new(&Shape { outputs: features, ..shape.clone() }, &kept, false, device)
+        };
+        let decoder = decoder_shapes(architecture).iter().map(place).collect();
+        Self { encoder: Vec::new(), decoder, blocks: architecture.dilations.len() }
+    }
+
     /// Normalised features `[B, T, F]`, zero where padded, to latents `[B, T / 4, code_dim]`.
     pub fn encode(&self, x: Tensor<3>, masks: Option<&Masks>) -> Tensor<3> {
         let mut layers = self.encoder.iter();
@@ -235,6 +252,17 @@ mod tests {
             assert!(close(&latents[b * tokens * 3..][..z.len()], &z), "latents of crop {b}");
             let y = values(network.decode(alone, None));
             assert!(close(&decoded[b * window * FEATURES..][..y.len()], &y), "output of crop {b}");
+        }
+    }
+
+    #[test]
+    fn a_frozen_decoder_gives_the_first_channels() {
+        let device = Device::flex();
+        let u = || tensor(noise(5 * 3, 8), [1, 5, 3], &device);
+        let whole = values(Network::new(&architecture(), &parameters(), false, &device).decode(u(), None));
+        let part = values(Network::frozen_decoder(&architecture(), &parameters(), 67, &device).decode(u(), None));
+        for (whole, part) in whole.chunks_exact(FEATURES).zip(part.chunks_exact(67)) {
+            assert!(whole.iter().zip(part).all(|(a, b)| (a - b).abs() < 1e-5));
         }
     }
 

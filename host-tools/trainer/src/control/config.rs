@@ -1,0 +1,164 @@
+//! What a run of control is made of: sizes, variant, anchors, loss, schedule.
+
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+use crate::schedule;
+use crate::transformer::Sizes;
+
+/// How anchors reach the frozen planner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Variant {
+    /// Low-rank keys and values beside each block's own (EQUATIONS section 3). The one that ships.
+    AnchorKv,
+    /// Baseline: a further cross-attention behind each block.
+    Cross,
+    /// Baseline: a trainable copy of the blocks, joined by linears that begin at zero.
+    Copy,
+}
+
+/// What the decoder is given in training, where tokens have no gradient.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Decoded {
+    /// The expected code vector, `softmax(logits) E`.
+    Expected,
+    /// The most probable code's vector, with the gradient of the expected one.
+    Straight,
+}
+
+/// Sizes of the anchor context.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Architecture {
+    /// How anchors reach the planner.
+    pub variant: Variant,
+    /// Whether pooled and local anchor context enter the planner's rows (dual context).
+    pub context: bool,
+    /// Width of a frame before frames merge to tokens.
+    pub frame_width: usize,
+    /// The scaffold encoder's blocks.
+    pub scaffold: Sizes,
+    /// Rank of AnchorKV.
+    pub rank: usize,
+}
+
+/// Everything that decides a run. Two runs with equal configuration, data, prior, tokenizer and version give equal weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Name of the preset the configuration began as.
+    pub preset: String,
+    /// Sizes.
+    pub architecture: Architecture,
+    /// Seed of weights, batches and dropout.
+    pub seed: u64,
+    /// Motions in a batch.
+    pub batch: usize,
+    /// Course of the learning rate.
+    pub schedule: schedule::Settings,
+    /// Decoupled weight decay.
+    pub weight_decay: f32,
+    /// Largest global norm of the gradient.
+    pub clip: f32,
+    /// Decay of the averaged weights, which become the checkpoint.
+    pub average_decay: f32,
+    /// Share of activations that the scaffold encoder's branches drop.
+    pub dropout: f32,
+    /// Share of prompts replaced by the empty one, for guidance.
+    pub text_dropout: f64,
+    /// Share of motions of which only a piece is shown, with open ends.
+    pub crops: f64,
+    /// Share of motions that are joined with another one of the same caption.
+    pub joins: f64,
+    /// Numbers of anchors, each as likely as the others.
+    pub anchors: Vec<usize>,
+    /// Weight of the anchor loss, `lambda_anc`; 0 is off.
+    pub anchor_loss: f32,
+    /// Frames on either side of an anchor that the loss looks at, `delta`.
+    pub support: usize,
+    /// What the anchor loss decodes.
+    pub decoded: Decoded,
+}
+
+impl Config {
+    /// The configuration of a preset: `nano` is the model that ships, `tiny` is for tests.
+    ///
+    /// # Errors
+    /// [`Error::UnknownPreset`] for any other name.
+    pub fn preset(name: &str) -> Result<Self, Error> {
+        let nano = Self {
+            preset: name.to_owned(),
+            architecture: Architecture {
+                variant: Variant::AnchorKv,
+                context: true,
+                frame_width: 48,
+                scaffold: Sizes { width: 64, heads: 4, layers: 2, hidden: 128 },
+                rank: 32,
+            },
+            seed: 1,
+            batch: 48,
+            schedule: schedule::Settings { learning_rate: 2e-3, warm_up: 100, decay: 0.5, final_rate: 0.01 },
+            weight_decay: 0.01,
+            clip: 1.0,
+            average_decay: 0.998,
+            dropout: 0.05,
+            text_dropout: 0.1,
+            crops: 0.15,
+            joins: 0.3,
+            anchors: vec![2, 4, 8, 16, 32],
+            anchor_loss: 0.3,
+            support: 2,
+            decoded: Decoded::Expected,
+        };
+        match name {
+            "nano" => Ok(nano),
+            "tiny" => Ok(Self {
+                architecture: Architecture {
+                    frame_width: 6,
+                    scaffold: Sizes { width: 8, heads: 2, layers: 1, hidden: 12 },
+                    rank: 4,
+                    ..nano.architecture
+                },
+                batch: 6,
+                ..nano
+            }),
+            _ => Err(Error::UnknownPreset { name: name.to_owned() }),
+        }
+    }
+
+    /// Checks what the rest of the trainer relies on.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] with the field, its value and what is allowed.
+    pub fn check(&self) -> Result<(), Error> {
+        let require = |holds: bool, field: &'static str, value: String, allowed: &'static str| {
+            if holds { Ok(()) } else { Err(Error::Setting { field, value, allowed }) }
+        };
+        let Architecture { scaffold, frame_width, rank, .. } = &self.architecture;
+        let heads = scaffold.heads > 0 && scaffold.width.is_multiple_of(scaffold.heads);
+        let holds = heads && (1..=1024).contains(&scaffold.width) && (1..=16).contains(&scaffold.layers);
+        let holds = holds && (1..=4096).contains(&scaffold.hidden);
+        let allowed = "width 1 to 1024, a multiple of heads; layers 1 to 16; hidden 1 to 4096";
+        require(holds, "architecture.scaffold", format!("{scaffold:?}"), allowed)?;
+        for (field, value) in [("architecture.frame_width", frame_width), ("architecture.rank", rank)] {
+            require((1..=1024).contains(value), field, value.to_string(), "1 to 1024")?;
+        }
+        require((1..=4096).contains(&self.batch), "batch", self.batch.to_string(), "1 to 4096")?;
+        let s = &self.schedule;
+        let rate = s.learning_rate > 0.0 && s.learning_rate <= 0.1 && (0.0..=1.0).contains(&s.decay);
+        require(rate, "schedule", format!("{s:?}"), "learning_rate above 0, at most 0.1; decay 0 to 1")?;
+        require((0.0..1.0).contains(&self.average_decay), "average_decay", self.average_decay.to_string(), "0 to 1")?;
+        require(self.clip > 0.0, "clip", self.clip.to_string(), "above 0")?;
+        require((0.0..0.9).contains(&self.dropout), "dropout", self.dropout.to_string(), "0 to 0.9")?;
+        for (field, share) in [("text_dropout", self.text_dropout), ("crops", self.crops), ("joins", self.joins)] {
+            require((0.0..=1.0).contains(&share), field, share.to_string(), "0 to 1")?;
+        }
+        let counts = !self.anchors.is_empty() && self.anchors.iter().all(|k| (1..=32).contains(k));
+        require(counts, "anchors", format!("{:?}", self.anchors), "numbers from 1 to 32, at least one")?;
+        let weight = self.anchor_loss >= 0.0 && self.anchor_loss.is_finite();
+        require(weight, "anchor_loss", self.anchor_loss.to_string(), "0 or more")?;
+        require(self.support <= 20, "support", self.support.to_string(), "0 to 20")
+    }
+}

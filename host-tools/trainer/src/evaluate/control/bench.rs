@@ -1,0 +1,207 @@
+//! Motions of one way to make them, judged; groups of them are kept on disk, so that a long table goes on where it was interrupted.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use motionette::Request;
+use motionette::refining::Config;
+use motionette_host::blob_file::BlobFile;
+use motionette_host::{metrics, parallel, verify};
+use serde::{Deserialize, Serialize};
+
+use super::problem::{Problem, for_runtime};
+use crate::control::sampling::Planner;
+use crate::evaluate::figures::{Row, Yardstick};
+use crate::evaluate::generators::Options;
+use crate::evaluate::prompt::Motion;
+use crate::evaluate::sample::{Controlled, Judged, Sample, judged};
+use crate::evaluator::judge::Judge;
+use crate::tokenizer::config::FPS;
+
+/// Who makes the motion that is refined.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// The runtime's planner, anchors unknown to it.
+    Prior,
+    /// The runtime's planner, conditioned on the anchors.
+    Controlled,
+    /// A planner on the trainer's networks, by its place in [`Bench::planners`].
+    Network(usize),
+}
+
+/// A way to make motions.
+#[derive(Clone, Debug)]
+pub struct Way {
+    /// Name of its rows.
+    pub name: String,
+    /// Who makes the motion.
+    pub origin: Origin,
+    /// How it is bent onto the anchors.
+    pub refinement: Option<Config>,
+}
+
+/// All prompts once: one way, one problem, one seed.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Group {
+    /// What it was made with.
+    key: String,
+    /// `[prompt]`
+    pub judged: Vec<Judged>,
+    /// `[prompt]` tokens before refinement.
+    tokens: Vec<Vec<u16>>,
+    /// Seconds it took, all cores.
+    seconds: f64,
+}
+
+/// Everything groups are made with.
+pub struct Bench<'a> {
+    /// Who judges.
+    pub judge: &'a Judge,
+    /// Prompts, sentences and real motion as embeddings.
+    pub yardstick: Yardstick,
+    /// `[prompt]` the real motions, as long as the prompts say.
+    pub real: Vec<Motion>,
+    /// The model.
+    pub blob: &'a BlobFile,
+    /// Names the model and the prompts in keys.
+    pub identity: String,
+    /// Planners on the trainer's networks, with what names them in keys.
+    pub planners: Vec<(String, Planner)>,
+    /// How motions are sampled.
+    pub generation: Options,
+    /// Groups that are known.
+    pub store: Store,
+}
+
+/// Groups on disk, one JSON object a line; lines of other models are left alone.
+pub struct Store {
+    path: PathBuf,
+    groups: BTreeMap<String, Group>,
+}
+
+impl Store {
+    /// Reads what is there. A line that was cut off counts as missing.
+    ///
+    /// # Errors
+    /// A file that is there and cannot be read.
+    pub fn open(path: &Path) -> Result<Self> {
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
+            Err(e) => return Err(e).with_context(|| format!("cannot read {}", path.display())),
+        };
+        let groups = text.lines().filter_map(|line| serde_json::from_str::<Group>(line).ok());
+        Ok(Self { path: path.to_owned(), groups: groups.map(|group| (group.key.clone(), group)).collect() })
+    }
+
+    fn add(&mut self, group: &Group) -> Result<()> {
+        let failed = || format!("cannot write {}", self.path.display());
+        if let Some(folder) = self.path.parent() {
+            std::fs::create_dir_all(folder).with_context(failed)?;
+        }
+        let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&self.path).with_context(failed)?;
+        // A line break first: what an interrupted run left half written must not swallow this one.
+        let line = format!("\n{}\n", serde_json::to_string(group)?);
+        file.write_all(line.as_bytes()).with_context(failed)?;
+        self.groups.insert(group.key.clone(), group.clone());
+        Ok(())
+    }
+}
+
+impl Bench<'_> {
+    fn key(&self, way: &Way, problem: Problem, seed: u64) -> String {
+        let origin = match way.origin {
+            Origin::Prior => "prior".to_owned(),
+            Origin::Controlled => "controlled".to_owned(),
+            Origin::Network(index) => self.planners[index].0.clone(),
+        };
+        let refinement = way.refinement.map_or_else(String::new, |config| format!("{config:?}"));
+        format!("{} {origin} {} {} {seed} {refinement}", self.identity, problem.family(), problem.count())
+    }
+
+    /// A group, from disk or made now.
+    ///
+    /// # Errors
+    /// What generator, solver or judge refuse, and a store that cannot be written.
+    pub fn group(&mut self, way: &Way, problem: Problem, seed: u64) -> Result<Group> {
+        let key = self.key(way, problem, seed);
+        if let Some(group) = self.store.groups.get(&key) {
+            return Ok(group.clone());
+        }
+        let start = Instant::now();
+        let unrefined = Way { refinement: None, ..way.clone() };
+        let tokens = match way.refinement {
+            Some(_) => Some(self.group(&unrefined, problem, seed)?.tokens),
+            None => None,
+        };
+        let places: Vec<usize> = (0..self.real.len()).collect();
+        let made = parallel::map(&places, |&i| self.make(way, problem, seed, i, tokens.as_ref().map(|t| &t[i][..])));
+        let made = made.into_iter().collect::<Result<Vec<(Motion, Controlled)>>>()?;
+        let (motions, controlled): (Vec<Motion>, Vec<Controlled>) = made.into_iter().unzip();
+        let mut judged = judged(self.judge, &self.yardstick.prompts, &motions, &[])?;
+        for (judged, controlled) in judged.iter_mut().zip(controlled) {
+            judged.controlled = Some(controlled);
+        }
+        let tokens = motions.into_iter().map(|motion| motion.tokens).collect();
+        let group = Group { key, judged, tokens, seconds: start.elapsed().as_secs_f64() };
+        self.store.add(&group)?;
+        Ok(group)
+    }
+
+    /// One motion, from `tokens` where they are known.
+    fn make(
+        &self,
+        way: &Way,
+        problem: Problem,
+        seed: u64,
+        place: usize,
+        tokens: Option<&[u16]>,
+    ) -> Result<(Motion, Controlled)> {
+        let prompt = &self.yardstick.prompts[place];
+        let known = problem.anchors(&self.real[place].joints, place, seed);
+        let anchors = for_runtime(&known);
+        let planned;
+        let request = match (tokens, way.origin) {
+            (Some(tokens), _) => Request::tokens(tokens),
+            (None, Origin::Network(index)) => {
+                let settings = self.generation.settings(prompt, seed);
+                let (_, planner) = &self.planners[index];
+                let guidance = self.generation.guidance;
+                planned = planner.sample(&prompt.caption, prompt.tokens, &known, guidance, &settings);
+                Request::tokens(&planned)
+            }
+            (None, Origin::Prior | Origin::Controlled) => {
+                Request::text(&prompt.caption).planned(self.generation.planning(prompt, seed))
+            }
+        };
+        let request = Request { anchors: &anchors, refinement: way.refinement, ..request };
+        let request = if way.origin == Origin::Prior { request.unconditioned() } else { request };
+        let motion = verify::run(self.blob, &prompt.caption, &request)?;
+        let error = metrics::control_error(&motion.joints, &anchors).context("anchors lie within the motion")?;
+        let controlled = Controlled {
+            error_cm: 100.0 * error,
+            jerk: metrics::jerk(&motion.joints, FPS as f64),
+            distance: motion.refinement.map_or(0.0, |report| f64::from(report.distance)),
+            evaluations: motion.refinement.map_or(0.0, |report| f64::from(report.evaluations)),
+        };
+        Ok((Motion { joints: motion.joints, tokens: motion.tokens }, controlled))
+    }
+
+    /// One row: all problems and seeds of a way together.
+    ///
+    /// # Errors
+    /// Those of [`Bench::group`].
+    pub fn row(&mut self, way: &Way, problems: &[Problem], seeds: u64) -> Result<Row> {
+        let mut motions = Vec::new();
+        for problem in problems {
+            for seed in 0..seeds {
+                motions.push(self.group(way, *problem, seed)?.judged);
+            }
+        }
+        let whole: Vec<usize> = (0..self.real.len()).collect();
+        Ok(self.yardstick.measure(&Sample::new(&way.name, motions), &whole))
+    }
+}

@@ -1,0 +1,188 @@
+//! A table of anchor control as Markdown, SVG and JSON.
+
+use std::path::Path;
+
+use motionette_host::output::{self, write_atomic};
+use serde_json::{Map, Value, json};
+
+use super::tables::Entry;
+use crate::chart;
+use crate::evaluate::report::Facts;
+
+/// Figures in the order of the columns, with their heads; arrows say which way is better.
+const COLUMNS: [(&str, &str); 13] = [
+    ("control_error_cm", "control error, cm ↓"),
+    ("fid", "FID ↓"),
+    ("top3", "top-3 ↑"),
+    ("action_accuracy", "action ↑"),
+    ("foot_skating", "foot skating ↓"),
+    ("jerk", "jerk, m/s³"),
+    ("du", "‖u - u0‖"),
+    ("diversity", "diversity →"),
+    ("evaluations", "decoder evaluations"),
+    ("seconds", "seconds a sample"),
+    ("macs_m", "million MAC"),
+    ("m7_instructions_m", "M7, million instructions"),
+    ("parameters", "trainable parameters"),
+];
+
+/// A table and what is to be said of it.
+pub struct Page<'a> {
+    /// Name of its files and of the table.
+    pub name: &'a str,
+    /// Head line.
+    pub title: &'a str,
+    /// What the reader should know, Markdown.
+    pub notes: String,
+    /// Its rows.
+    pub entries: &'a [Entry],
+    /// What it was made from.
+    pub facts: &'a Facts,
+}
+
+impl Page<'_> {
+    /// `{"table", "rows", ...}`; each row `{"name", "family", "k", metric: mean, metric_ci: half width}`, without `k` the mean over
+    /// numbers of anchors.
+    pub fn json(&self) -> Value {
+        let row = |entry: &Entry| {
+            let mut object = Map::new();
+            object.insert("name".into(), json!(entry.row.name));
+            object.insert("family".into(), json!(entry.family));
+            if let Some(k) = entry.k {
+                object.insert("k".into(), json!(k));
+            }
+            if let Some(parameters) = entry.parameters {
+                object.insert("parameters".into(), json!(parameters));
+            }
+            for (name, figure) in &entry.row.figures {
+                object.insert((*name).to_owned(), json!(figure.mean));
+                object.insert(format!("{name}_ci"), json!(figure.half_width));
+            }
+            Value::Object(object)
+        };
+        let Facts { seeds, files, command, generation } = self.facts;
+        let files: Map<String, Value> = files.iter().map(|(name, hash)| (name.clone(), json!(hash))).collect();
+        json!({
+            "table": self.name,
+            "rows": self.entries.iter().map(row).collect::<Vec<_>>(),
+            "seeds": seeds,
+            "files": files,
+            "generation": generation,
+            "command": command,
+        })
+    }
+
+    /// The page for people: a table for each family, means over numbers of anchors first, then each number.
+    pub fn markdown(&self) -> String {
+        let mut text = format!("# {}\n\nMade by `{}`. {}\n", self.title, self.facts.command, self.notes);
+        let families: Vec<&str> = distinct(self.entries.iter().map(|entry| entry.family));
+        for family in &families {
+            for means in [true, false] {
+                let of = |entry: &&Entry| entry.family == *family && entry.k.is_none() == means;
+                let entries: Vec<&Entry> = self.entries.iter().filter(of).collect();
+                let ks = distinct(entries.iter().filter_map(|entry| entry.k));
+                let title = match ks.as_slice() {
+                    [] => format!("{family}: means over numbers of anchors"),
+                    [k] => format!("{family}: {k} anchors"),
+                    _ => format!("{family}: by number of anchors"),
+                };
+                if !entries.is_empty() {
+                    text += &section(&title, &entries, ks.len() > 1);
+                }
+            }
+        }
+        text += "\n## Made from\n\n| file | SHA-256 |\n|---|---|\n";
+        for (name, hash) in &self.facts.files {
+            text += &format!("| {name} | `{hash}` |\n");
+        }
+        text + &format!("\nGeneration: `{}`\n", self.facts.generation)
+    }
+
+    /// Control error and FID over decoder evaluations, a line for each family and solver.
+    pub fn svg(&self) -> String {
+        let families: Vec<&str> = distinct(self.entries.iter().map(|entry| entry.family));
+        let last = |figure: &str| {
+            let of = |entry: &Entry| entry.row.figures.get(figure).map(|f| f.mean);
+            self.entries.iter().filter_map(of).fold(0.0, f64::max)
+        };
+        let lines = |metric: &'static str| -> Vec<chart::Line> {
+            let line = |family: &str, solver: &str| {
+                let on = |entry: &&Entry| {
+                    let name = &entry.row.name;
+                    entry.family == family && entry.k.is_none() && (name == "generator" || name.starts_with(solver))
+                };
+                let point = |entry: &Entry| {
+                    let figures = &entry.row.figures;
+                    Some((figures.get("evaluations")?.mean.round() as u64, figures.get(metric)?.mean))
+                };
+                let mut points: Vec<(u64, f64)> = self.entries.iter().filter(on).filter_map(point).collect();
+                points.sort_by_key(|(evaluations, _)| *evaluations);
+                (format!("{family}, {solver}"), points)
+            };
+            families.iter().flat_map(|family| [line(family, "ours"), line(family, "rs")]).collect()
+        };
+        let panels = [
+            ("control error, cm, over decoder evaluations", lines("control_error_cm")),
+            ("FID over decoder evaluations", lines("fid")),
+            ("jerk, m/s³, over decoder evaluations", lines("jerk")),
+        ];
+        chart::document((last("evaluations") as u64).max(1), &panels)
+    }
+
+    /// Writes `<name>.json`, `<name>.md` and, when `drawn`, `<name>.svg` into a folder, each whole or not at all.
+    ///
+    /// # Errors
+    /// [`output::Error`].
+    pub fn save(&self, folder: &Path, drawn: bool) -> Result<(), output::Error> {
+        let mut data = serde_json::to_string_pretty(&self.json()).unwrap_or_default();
+        data.push('\n');
+        let mut files = vec![("json", data), ("md", self.markdown())];
+        if drawn {
+            files.push(("svg", self.svg()));
+        }
+        for (extension, text) in files {
+            write_atomic(folder.join(format!("{}.{extension}", self.name)), |w| w.write_all(text.as_bytes()))?;
+        }
+        Ok(())
+    }
+}
+
+/// Values without repetition, in their order.
+fn distinct<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut found = Vec::new();
+    for value in values {
+        if !found.contains(&value) {
+            found.push(value);
+        }
+    }
+    found
+}
+
+fn section(title: &str, entries: &[&Entry], by_count: bool) -> String {
+    let value = |entry: &Entry, name: &str| -> Option<String> {
+        if name == "parameters" {
+            return entry.parameters.map(|parameters| parameters.to_string());
+        }
+        let f = entry.row.figures.get(name)?;
+        let digits = if f.mean.abs() >= 100.0 {
+            0
+        } else if f.mean.abs() >= 10.0 {
+            1
+        } else {
+            3
+        };
+        Some(format!("{:.digits$} ± {:.digits$}", f.mean, f.half_width))
+    };
+    let shown: Vec<_> =
+        COLUMNS.iter().filter(|(name, _)| entries.iter().any(|entry| value(entry, name).is_some())).collect();
+    let heads: Vec<&str> = shown.iter().map(|(_, head)| *head).collect();
+    let (k, rule) = if by_count { (" K |", "---|") } else { ("", "") };
+    let mut text =
+        format!("\n## {title}\n\n| row |{k} {} |\n|---|{rule}{}\n", heads.join(" | "), "---|".repeat(heads.len()));
+    for entry in entries {
+        let cells: Vec<String> = shown.iter().map(|(name, _)| value(entry, name).unwrap_or("-".into())).collect();
+        let k = if by_count { format!(" {} |", entry.k.unwrap_or_default()) } else { String::new() };
+        text += &format!("| {} |{k} {} |\n", entry.row.name, cells.join(" | "));
+    }
+    text
+}

@@ -1,0 +1,241 @@
+//! Which ways and problems make which table.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use anyhow::Result;
+use motionette::refining::{Activity, Basis, Config};
+use motionette::{Generator, Request};
+use motionette_host::verify;
+
+use super::bench::{Bench, Origin, Way};
+use super::problem::{Problem, for_runtime};
+use crate::control::anchors::{FAMILIES, Kind};
+use crate::evaluate::figures::{Figure, Row};
+
+/// Numbers of anchors that figures are averaged over.
+pub const COUNTS: [usize; 5] = [2, 4, 8, 16, 32];
+/// Those of ways that take hundreds of decoder evaluations, and of ablations.
+pub const FEW: [usize; 3] = [2, 8, 32];
+/// Steps at which solvers are compared with one another.
+const BALANCED: u16 = 200;
+
+/// One row with what it is about.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Control family; `all` for all three together.
+    pub family: &'static str,
+    /// Number of anchors; `None` is the mean over several.
+    pub k: Option<usize>,
+    /// Trainable parameters of a control.
+    pub parameters: Option<usize>,
+    /// The figures.
+    pub row: Row,
+}
+
+/// Seeds and words to whoever waits.
+pub struct Course<'a> {
+    /// Motions a prompt and problem.
+    pub seeds: u64,
+    /// Is told how far it is.
+    pub say: &'a dyn Fn(&str),
+}
+
+fn way(name: &str, origin: Origin, refinement: Option<Config>) -> Way {
+    Way { name: name.to_owned(), origin, refinement }
+}
+
+fn family(kind: Kind) -> &'static str {
+    Problem::Family(kind, 0).family()
+}
+
+impl Bench<'_> {
+    fn entry(
+        &mut self,
+        way: &Way,
+        family: &'static str,
+        k: Option<usize>,
+        problems: &[Problem],
+        course: &Course<'_>,
+    ) -> Result<Entry> {
+        (course.say)(&format!("{family}: {}{}", way.name, k.map_or_else(String::new, |k| format!(", {k} anchors"))));
+        let parameters = match way.origin {
+            Origin::Network(index) => Some(self.planners[index].1.parameters()),
+            Origin::Prior | Origin::Controlled => None,
+        };
+        Ok(Entry { family, k, parameters, row: self.row(way, problems, course.seeds)? })
+    }
+
+    /// AnchorRoute's table III: the generator, RouteSolver in three lengths, and the default in three budgets, by family and number of
+    /// anchors.
+    ///
+    /// # Errors
+    /// Those of [`Bench::group`].
+    pub fn frontier(&mut self, course: &Course<'_>) -> Result<Vec<Entry>> {
+        let solver = |name: &str, config: Config| way(name, Origin::Controlled, Some(config));
+        let ways = [
+            way("generator", Origin::Controlled, None),
+            solver("ours10", Config::fast(10)),
+            solver("ours20", Config::fast(20)),
+            solver("ours40", Config::fast(40)),
+            solver("rs100", Config::published(100)),
+            solver("rs200", Config::published(200)),
+            solver("rs500", Config::published(500)),
+        ];
+        let mut entries = Vec::new();
+        for way in &ways {
+            let counts: &[usize] = if way.name == "rs500" { &FEW } else { &COUNTS };
+            for kind in FAMILIES {
+                for k in counts {
+                    let problems = [Problem::Family(kind, *k)];
+                    entries.push(self.entry(way, family(kind), Some(*k), &problems, course)?);
+                }
+                let problems: Vec<Problem> = counts.iter().map(|k| Problem::Family(kind, *k)).collect();
+                entries.push(self.entry(way, family(kind), None, &problems, course)?);
+            }
+        }
+        Ok(entries)
+    }
+
+    /// Table IV: controls trained in different ways, without refinement, all families together.
+    ///
+    /// # Errors
+    /// Those of [`Bench::group`].
+    pub fn components(&mut self, course: &Course<'_>) -> Result<Vec<Entry>> {
+        let problems: Vec<Problem> =
+            FAMILIES.into_iter().flat_map(|kind| FEW.map(|k| Problem::Family(kind, k))).collect();
+        let names: Vec<String> = self.planners.iter().map(|(name, _)| name.clone()).collect();
+        let named = |(index, name): (usize, String)| {
+            let name = name.split('@').next().unwrap_or_default().to_owned();
+            Way { name, origin: Origin::Network(index), refinement: None }
+        };
+        let mut ways = vec![way("prior", Origin::Prior, None)];
+        ways.extend(names.into_iter().enumerate().map(named));
+        ways.push(way("runtime", Origin::Controlled, None));
+        ways.iter().map(|way| self.entry(way, "all", None, &problems, course)).collect()
+    }
+
+    /// Table V: plain updates, the interval basis with uniform activity, and RouteSolver, 200 steps each.
+    ///
+    /// # Errors
+    /// Those of [`Bench::group`].
+    pub fn refinement(&mut self, course: &Course<'_>) -> Result<Vec<Entry>> {
+        let full = Config::published(BALANCED);
+        let ways = [
+            ("generator", None),
+            ("plain", Some(Config { basis: Basis::Plain, ..full })),
+            ("uniform_activity", Some(Config { activity: Activity::Uniform, ..full })),
+            ("route_solver", Some(full)),
+        ];
+        let mut entries = Vec::new();
+        for kind in FAMILIES {
+            let problems = FEW.map(|k| Problem::Family(kind, k));
+            for (name, refinement) in ways {
+                let way = way(name, Origin::Controlled, refinement);
+                entries.push(self.entry(&way, family(kind), None, &problems, course)?);
+            }
+        }
+        Ok(entries)
+    }
+
+    /// Table VI: what RouteSolver is made of, 200 steps, body points.
+    ///
+    /// # Errors
+    /// Those of [`Bench::group`].
+    pub fn mechanism(&mut self, course: &Course<'_>) -> Result<Vec<Entry>> {
+        let full = Config::published(BALANCED);
+        let basis = |basis| Some(Config { basis, ..full });
+        let activity = |activity| Some(Config { activity, ..full });
+        let ways = [
+            ("generator", None),
+            ("plain", basis(Basis::Plain)),
+            ("transport_only", basis(Basis::Transport)),
+            ("slope_only", basis(Basis::Slope)),
+            ("quadratic", basis(Basis::Quadratic)),
+            ("cubic", basis(Basis::Cubic)),
+            ("uniform_activity", activity(Activity::Uniform)),
+            ("shuffled_activity", activity(Activity::Shuffled)),
+            ("route_solver", Some(full)),
+        ];
+        let problems = FEW.map(|k| Problem::Family(Kind::Body, k));
+        let entry = |(name, refinement): (&str, Option<Config>)| {
+            self.entry(&way(name, Origin::Controlled, refinement), family(Kind::Body), None, &problems, course)
+        };
+        ways.into_iter().map(entry).collect()
+    }
+
+    /// Table II: six joints at five frames; the prior with a solver, the controlled generator alone, both.
+    ///
+    /// # Errors
+    /// Those of [`Bench::group`].
+    pub fn sparse(&mut self, course: &Course<'_>) -> Result<Vec<Entry>> {
+        let (published, ours) = (Some(Config::published(500)), Some(Config::fast(40)));
+        let ways = [
+            way("prior", Origin::Prior, None),
+            way("prior_rs500", Origin::Prior, published),
+            way("prior_ours40", Origin::Prior, ours),
+            way("generator", Origin::Controlled, None),
+            way("generator_rs500", Origin::Controlled, published),
+            way("generator_ours40", Origin::Controlled, ours),
+        ];
+        let problem = Problem::SixJoints;
+        let entry = |way: &Way| self.entry(way, problem.family(), Some(problem.count()), &[problem], course);
+        ways.iter().map(entry).collect()
+    }
+
+    /// Table VII: seconds, decoder evaluations and work of a sample on one thread: four anchors, two of the pelvis and two of joints.
+    /// `instructions` a multiply-accumulate turn work into instructions of a Cortex-M7.
+    ///
+    /// # Errors
+    /// What the runtime refuses.
+    pub fn runtime(&mut self, course: &Course<'_>, instructions: f64) -> Result<Vec<Entry>> {
+        let solver = |config: Config| Some(config);
+        let ways = [
+            ("generator", None),
+            ("ours10", solver(Config::fast(10))),
+            ("ours20", solver(Config::fast(20))),
+            ("ours40", solver(Config::fast(40))),
+            ("rs100", solver(Config::published(100))),
+            ("rs200", solver(Config::published(200))),
+            ("rs500", solver(Config::published(500))),
+        ];
+        let problem = Problem::Family(Kind::Mixed, 4);
+        let mut entries = Vec::new();
+        for (name, refinement) in ways {
+            (course.say)(name);
+            let mut sums: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+            for (place, prompt) in self.yardstick.prompts.iter().enumerate() {
+                let anchors = for_runtime(&problem.anchors(&self.real[place].joints, place, 0));
+                let request = Request::text(&prompt.caption).planned(self.generation.planning(prompt, 0));
+                let request = Request { anchors: &anchors, refinement, ..request };
+                let plan = Generator::new(self.blob.model()?, &mut [])?.plan(&request)?;
+                let start = Instant::now();
+                let motion = verify::run(self.blob, &prompt.caption, &request)?;
+                let seconds = start.elapsed().as_secs_f64();
+                let evaluations = motion.refinement.map_or(0.0, |report| f64::from(report.evaluations));
+                let share = |used: f64, most: f64| if most > 0.0 { used / most } else { 0.0 };
+                let solving = plan.macs - plan.planning_macs - plan.decoding_macs;
+                let spent = share(evaluations, f64::from(plan.evaluations - 1)) * solving as f64;
+                let macs = (plan.planning_macs + plan.decoding_macs) as f64 + spent;
+                for (what, value) in [
+                    ("seconds", seconds),
+                    ("evaluations", evaluations + 1.0),
+                    ("macs_m", macs / 1e6),
+                    ("m7_instructions_m", instructions * macs / 1e6),
+                ] {
+                    sums.entry(what).or_default().push(value);
+                }
+            }
+            let figure = |values: &Vec<f64>| {
+                let n = values.len() as f64;
+                let mean = values.iter().sum::<f64>() / n;
+                let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0).max(1.0);
+                Figure { mean, half_width: 1.96 * (variance / n).sqrt() }
+            };
+            let figures = sums.iter().map(|(what, values)| (*what, figure(values))).collect();
+            let row = Row { name: name.to_owned(), figures };
+            entries.push(Entry { family: problem.family(), k: Some(problem.count()), parameters: None, row });
+        }
+        Ok(entries)
+    }
+}
