@@ -72,6 +72,13 @@ impl AdamW {
         Ok(Self { values: values?, first: first?, second: second?, average: average?, updates })
     }
 
+    /// Multiplies the values that are `chosen`, and their averages, by `factor`.
+    pub fn scale(&mut self, chosen: &[bool], factor: f32) {
+        for values in [&mut self.values, &mut self.average] {
+            values.iter_mut().zip(chosen).filter(|(_, chosen)| **chosen).for_each(|(value, _)| *value *= factor);
+        }
+    }
+
     /// One update (Loshchilov and Hutter 2019, algorithm 2) and one update of the average.
     ///
     /// `gradient` and `decayed` are as long as the parameters; `decayed[i]` says whether weight decay applies to parameter i. Returns

@@ -157,6 +157,11 @@ impl Layout {
         values
     }
 
+    /// For every value whether it belongs to a parameter whose name `chosen` accepts.
+    pub fn named(&self, chosen: impl Fn(&str) -> bool) -> Vec<bool> {
+        self.parameters.iter().flat_map(|p| std::iter::repeat_n(chosen(&p.name), p.len())).collect()
+    }
+
     /// For every value whether weight decay applies: matrices yes, biases and norms no.
     pub fn decayed(&self) -> Vec<bool> {
         self.parameters.iter().flat_map(|p| std::iter::repeat_n(!p.vector, p.len())).collect()

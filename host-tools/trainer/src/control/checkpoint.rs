@@ -90,6 +90,29 @@ pub fn load(path: &Path, frozen: &Frozen, prior: &str) -> Result<(Config, Statis
     Ok((config, restore_statistics(&file)?, values))
 }
 
+/// Takes the scaffold encoder, and what it suggests, from a file that [`save`] wrote.
+///
+/// # Errors
+/// [`Error::File`] naming the entry or tensor that is missing or of another size.
+pub fn adopt_scaffold(state: &mut State, path: &Path, frozen: &Frozen) -> Result<(), Error> {
+    let file = TensorFile::load(path)?;
+    file.expect("format", FORMAT)?;
+    file.expect("version", VERSION)?;
+    let parts = ["frame", "merge", "position", "layers", "norm", "local"].map(|part| format!("control.{part}."));
+    let layout = state.layout(frozen);
+    let mut rest = &mut state.optimizer.values[..];
+    for parameter in &layout.parameters {
+        let (own, after) = rest.split_at_mut(parameter.len());
+        rest = after;
+        if parts.iter().any(|part| parameter.name.starts_with(part)) {
+            own.copy_from_slice(file.values(&parameter.name, &parameter.shape())?);
+        }
+    }
+    state.optimizer.average.copy_from_slice(&state.optimizer.values);
+    state.statistics = restore_statistics(&file)?;
+    Ok(())
+}
+
 /// The entry of `config` that is not in `training`.
 #[derive(serde::Deserialize)]
 struct Facts {

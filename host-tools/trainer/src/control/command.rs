@@ -44,6 +44,9 @@ pub struct Args {
     /// How anchors reach the planner: what ships, or a baseline to compare it with.
     #[arg(long, value_enum)]
     pub variant: Option<Variant>,
+    /// Begins with the scaffold encoder of another control, instead of training it alone first.
+    #[arg(long, value_name = "FILE")]
+    pub scaffold: Option<PathBuf>,
     /// Trains without pooled and local anchor context.
     #[arg(long)]
     pub no_context: bool,
@@ -87,6 +90,9 @@ impl Args {
         config.architecture.context &= !self.no_context;
         if self.no_anchor_loss {
             config.anchor_loss = 0.0;
+        }
+        if self.scaffold.is_some() {
+            config.alone = 0;
         }
         let config = self.set.iter().try_fold(config, |config, change| changed(&config, change))?;
         config.check()?;
@@ -136,7 +142,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let sources = Sources::of(&dataset.hash, &frozen);
     let state = match args.resume {
         true => resumed(&state_path, &config, &sources, &frozen)?,
-        false => State::new(&config, sources.clone(), training.statistics(), &frozen),
+        false => {
+            let mut state = State::new(&config, sources.clone(), training.statistics(), &frozen);
+            if let Some(path) = &args.scaffold {
+                checkpoint::adopt_scaffold(&mut state, path, &frozen)?;
+            }
+            state
+        }
     };
     eprintln!(
         "{} motions with their mirrored twins; {} trainable parameters beside {} frozen ones of the prior {} and {} of the tokenizer {}",

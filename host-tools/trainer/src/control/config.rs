@@ -74,6 +74,8 @@ pub struct Config {
     pub joins: f64,
     /// Numbers of anchors, each as likely as the others.
     pub anchors: Vec<usize>,
+    /// Steps in which the scaffold encoder learns alone which tokens anchors suggest, without the planner.
+    pub alone: u64,
     /// Weight of the anchor loss, `lambda_anc`; 0 is off.
     pub anchor_loss: f32,
     /// Frames on either side of an anchor that the loss looks at, `delta`.
@@ -108,6 +110,7 @@ impl Config {
             crops: 0.15,
             joins: 0.3,
             anchors: vec![2, 4, 8, 16, 32],
+            alone: 2000,
             anchor_loss: 0.3,
             support: 2,
             decoded: Decoded::Expected,
@@ -122,6 +125,7 @@ impl Config {
                     ..nano.architecture
                 },
                 batch: 6,
+                alone: 2,
                 ..nano
             }),
             _ => Err(Error::UnknownPreset { name: name.to_owned() }),

@@ -49,10 +49,11 @@ pub fn layout(a: &Architecture, planner: &Sizes, memory: usize) -> Layout {
             }
         }
     }
+    // Without dual context it only serves the encoder's first steps.
+    layout.linear("control.local", d, s, 0.0);
     if a.context {
         layout.linear("control.global.in", s, s, 1.0);
         layout.linear("control.global.out", d, s, 0.0);
-        layout.linear("control.local", d, s, 0.0);
     }
     layout
 }
@@ -127,6 +128,13 @@ impl<'w> Anchored<'w> {
     }
 }
 
+impl Anchored<'_> {
+    /// What anchors alone suggest, in the space of token embeddings, `[B, L, d]`.
+    pub fn suggested(&self) -> Tensor<3> {
+        self.weights.linear("control.local", self.h.clone())
+    }
+}
+
 impl Guest for Anchored<'_> {
     fn before(&mut self, mut x: Tensor<3>, mask: Option<&Tensor<4>>, memory: Option<Rows<'_>>) -> Tensor<3> {
         let w = self.weights;
@@ -144,8 +152,7 @@ impl Guest for Anchored<'_> {
         if self.architecture.context {
             let pooled = self.shares.clone().matmul(self.h.clone());
             let global = w.linear("control.global.out", gelu(w.linear("control.global.in", pooled)));
-            let local = w.linear("control.local", self.h.clone());
-            x = x + Tensor::cat(vec![global, local], 1);
+            x = x + Tensor::cat(vec![global, self.suggested()], 1);
         }
         x
     }

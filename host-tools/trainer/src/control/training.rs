@@ -1,5 +1,8 @@
 //! One step of controlled training: corrupted tokens with anchors, cross-entropy of the clean tokens, distance of the decoded motion
 //! around the anchors, an update of the control alone.
+//!
+//! In the first steps the planner stays out of it: the scaffold encoder learns which tokens anchors alone suggest, `token local(H)` being
+//! their logits. It is then ready to be listened to, and its suggestions lie where the planner's own token embeddings do.
 
 use burn::tensor::activation::softmax;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -29,6 +32,9 @@ use crate::transformer::{Layout, Weights};
 /// Streams of dropout and of anchors lie beside those of the batches.
 const DROPOUT_STREAM: u64 = 1 << 41;
 const ANCHOR_STREAM: u64 = 1 << 42;
+
+/// What remains of the local context when the planner begins to listen: at full size it would drown the tokens.
+const HANDED_OVER: f32 = 0.25;
 
 /// The networks that stay as they are.
 pub struct Frozen {
@@ -193,6 +199,10 @@ impl<'d> Trainer<'d> {
     /// [`Error::Diverged`] when the objective or its gradient is not finite; the state is then as before the step.
     pub fn step(&mut self) -> Result<Step, Error> {
         let (step, config) = (self.state.step, &self.state.config);
+        let layout = self.state.layout(self.frozen);
+        if step == config.alone {
+            self.state.optimizer.scale(&layout.named(|name| name.starts_with("control.local.")), HANDED_OVER);
+        }
         let batch = self.corpus.batch(&self.shown, &self.metric, step);
         let mut random = Random::new(config.seed, ANCHOR_STREAM + step);
         let mut anchored = |labelled: &Labelled| {
@@ -205,31 +215,29 @@ impl<'d> Trainer<'d> {
         let lengths: Vec<usize> = batch.iter().map(|l| l.clean.len()).collect();
         let examples: Vec<_> = batch.iter().map(|l| l.example.clone()).collect();
 
-        let layout = self.state.layout(self.frozen);
         let weights = Weights::new(&layout, &self.state.optimizer.values, true, &self.device);
         let architecture = &self.frozen.config.architecture;
         let random = Random::new(config.seed, DROPOUT_STREAM + step);
         let (a, planner) = (&config.architecture, &architecture.planner);
         let mut guest = Anchored::new(a, planner, &weights, &features, &lengths, config.dropout, random);
-        let output = model::forward(architecture, &self.prior, &examples, &mut guest, 0.0, Random::new(0, 0));
+        let alone = step < config.alone;
+        let logits = if alone {
+            self.prior.linear("planner.token", guest.suggested())
+        } else {
+            let off = Random::new(0, 0);
+            model::forward(architecture, &self.prior, &examples, &mut guest, 0.0, off).tokens
+        };
 
         let (by, _) = targets(&batch);
-        let mut gradient = values(&output.tokens);
+        let mut gradient = values(&logits);
         let tokens = cross_entropy(&mut gradient, &by, 1.0 / by.iter().flatten().count().max(1) as f32);
         let leaf = |values: Vec<f32>, like: &Tensor<3>| {
             Tensor::<3>::from_data(TensorData::new(values, like.dims()), &self.device)
         };
-        {
-            let free = model::forward(architecture, &self.prior, &examples, &mut (), 0.0, Random::new(0, 0));
-            let f = cross_entropy(&mut values(&free.tokens), &by, 1.0);
-            use std::sync::Mutex; static G: Mutex<(f64,f64)> = Mutex::new((0.0,0.0));
-            let mut g = G.lock().unwrap(); g.0 += (f.loss - tokens.loss)/f.count; g.1 += 1.0;
-            if g.1 >= 50.0 { eprintln!("gain {:.4}", g.0/g.1); *g=(0.0,0.0); }
-        }
-        let mut total = (output.tokens.clone() * leaf(gradient, &output.tokens)).sum();
+        let mut total = (logits.clone() * leaf(gradient, &logits)).sum();
         let mut distance = Distance::default();
-        if config.anchor_loss > 0.0 {
-            let u = embedded(&output.tokens, &self.codebook, &lengths, config.decoded);
+        if config.anchor_loss > 0.0 && !alone {
+            let u = embedded(&logits, &self.codebook, &lengths, config.decoded);
             let y = decode(&self.decoder, u, &lengths, &self.device);
             let mut gradient = vec![0.0; y.dims().iter().product()];
             let window = y.dims()[1] * CHANNELS;

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use motionette_host::dataset::{ClipView, Dataset, Split};
-use motionette_host::motion::features::{Bones, Options, extract};
 use motionette_host::motion::Pose;
+use motionette_host::motion::features::{Bones, Options, extract};
 use motionette_host::motion::mirror::mirror_joints;
 use motionette_host::parallel;
 use motionette_host::reference::recover::{self, CHANNELS};
