@@ -9,6 +9,7 @@ use crate::decoding::codebook::{Codebooks, MAX_QUANTIZERS};
 use crate::decoding::decoder::Decoder;
 use crate::motion::humanml3d;
 use crate::perception::Text;
+use crate::perception::anchors::FAMILIES;
 use crate::planning::Planner;
 use crate::planning::session::Modules;
 
@@ -223,7 +224,7 @@ fn check(manifest: &Manifest<'_>) -> Result<u16, Error> {
     Ok(decoder.features)
 }
 
-/// Checks configuration values of text encoder and planner.
+/// Checks configuration values of text encoder, planner and anchor control.
 fn check_words(manifest: &Manifest<'_>) -> Result<(), Error> {
     let at_most = |what, found: u32, limit: u32| {
         if found == 0 || found > limit { Err(Error::Config { what, found, limit }) } else { Ok(()) }
@@ -245,6 +246,15 @@ fn check_words(manifest: &Manifest<'_>) -> Result<(), Error> {
         let Sampler::Tmd { c, a } = planner.sampler;
         check_number("planner.sampler.c", c, 1e-6, 1e3)?;
         check_number("planner.sampler.a", a, 1e-6, 4.0)?;
+    }
+    if let Some(control) = &manifest.control {
+        if manifest.planner.is_none() {
+            return Err(Error::Config { what: "control without planner", found: 1, limit: 0 });
+        }
+        check_transformer(&control.scaffold)?;
+        at_most("control.frame_width", u32::from(control.frame_width), MAX_WIDTH)?;
+        at_most("control.rank", u32::from(control.rank), MAX_WIDTH)?;
+        at_most("control.families", u32::from(control.families), u32::from(FAMILIES))?;
     }
     Ok(())
 }

@@ -415,6 +415,7 @@ impl Tiny {
             },
             text,
             planner,
+            control: None,
             self_test: SelfTest { seed: 0, tokens: 0, hash: 0 },
             tensor_count: writer.entries.len() as u16,
         };

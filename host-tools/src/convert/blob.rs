@@ -149,6 +149,7 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
             bank: &t.bank,
         }),
         planner: facts.planner,
+        control: None,
         self_test,
         tensor_count: narrow::<u16>(tensors.len(), "number of tensors")?,
     };
