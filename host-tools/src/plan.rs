@@ -149,7 +149,11 @@ pub fn plan(
         gradients: plan.gradients,
         macs: plan.macs,
         decoder_macs: stages(blob, tokens)?,
-        stream: stream(&model, &StreamLimits { tokens, planning }),
+        // A stream has no anchors.
+        stream: stream(
+            &model,
+            &StreamLimits { tokens, planning: planning.map(|p| planning::Limits { anchors: false, ..p }) },
+        ),
         self_test: format!("{:016x}", model.self_test().hash),
     })
 }

@@ -10,8 +10,8 @@ use crate::decoding::decoder::Decoder;
 use crate::motion::humanml3d;
 use crate::perception::Text;
 use crate::perception::anchors::FAMILIES;
-use crate::planning::Planner;
 use crate::planning::session::Modules;
+use crate::planning::{Control, Planner};
 
 /// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
 pub const MAX_MAGNITUDE: f32 = 1e28;
@@ -44,6 +44,7 @@ pub struct Model<'a> {
     decoder: Decoder<'a>,
     text: Option<Text<'a>>,
     planner: Option<Planner<'a>>,
+    control: Option<Control<'a>>,
 }
 
 impl<'a> Model<'a> {
@@ -78,12 +79,17 @@ impl<'a> Model<'a> {
             None => None,
             Some(config) => Some(Text::open(&mut tensors, config, manifest.max_tokens)?),
         };
-        let planner = match (&manifest.planner, &text) {
-            (Some(config), Some(text)) => {
-                Some(Planner::open(&mut tensors, config, text, manifest.decoder.codes, manifest.max_tokens)?)
+        let (mut planner, mut control) = (None, None);
+        if let (Some(config), Some(text)) = (&manifest.planner, &text) {
+            let max_tokens = manifest.max_tokens;
+            let opened = Planner::open(&mut tensors, config, text, manifest.decoder.codes, max_tokens)?;
+            if let Some(config) = &manifest.control {
+                let sizes = (manifest.frame_rate, decoder.upsampling() as u16, max_tokens);
+                control = Some(Control::open(&mut tensors, config, &opened, sizes)?);
             }
-            _ => None,
-        };
+            opened.check(text, control.as_ref().map_or((0.0, 0.0), Control::bounds))?;
+            planner = Some(opened);
+        }
         // A newer minor version may carry more behind what this one knows.
         if header.minor == MINOR {
             tensors.finish()?;
@@ -100,6 +106,7 @@ impl<'a> Model<'a> {
             decoder,
             text,
             planner,
+            control,
         })
     }
 
@@ -181,11 +188,17 @@ impl<'a> Model<'a> {
         self.planner.as_ref()
     }
 
+    /// Anchor control of the planner.
+    #[must_use]
+    pub const fn control(&self) -> Option<&Control<'a>> {
+        self.control.as_ref()
+    }
+
     /// What a planning session works with; `None` when the blob cannot make tokens.
     #[must_use]
     pub fn planning(&self) -> Option<Modules<'_, 'a>> {
         let (text, planner) = (self.text.as_ref()?, self.planner.as_ref()?);
-        Some(Modules { text, planner, codebooks: &self.codebooks })
+        Some(Modules { text, planner, control: self.control(), codebooks: &self.codebooks })
     }
 }
 

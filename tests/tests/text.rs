@@ -161,7 +161,7 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
         let request = base().seed(seed).sampling(sampling).fixed(&fixed).steps(5);
         let got = with(&tiny, |generator| trace(generator, &request));
 
-        let limits = Limits { words: 6, steps: 5, guided: true };
+        let limits = Limits { words: 6, steps: 5, guided: true, anchors: false };
         let modules = model.planning().unwrap();
         let mut words = vec![0u128; modules.bytes(6, &limits) / 16];
         let mut arena = motionette::arena::Arena::new(bytemuck::cast_slice_mut(&mut words));
@@ -578,7 +578,7 @@ fn planned_work_is_that_of_the_layers() {
     let pass = |n: u64| layers * (1 + l) * (4 * d * d + 2 * (1 + l) * d + 2 * d * d + 2 * n * d + 2 * d * h);
     let steps = 4;
     let want = read(n) + read(1) + dt * 13 + steps * (pass(n) + pass(1) + l * (d * v + v * du));
-    let limits = Limits { words: 5, steps: 4, guided: true };
+    let limits = Limits { words: 5, steps: 4, guided: true, anchors: false };
     assert_eq!(modules.macs(6, &limits), want);
     let alone = read(n) + dt * 13 + steps * (pass(n) + l * (d * v + v * du));
     assert_eq!(modules.macs(6, &Limits { guided: false, ..limits }), alone);

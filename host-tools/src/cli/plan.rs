@@ -57,7 +57,7 @@ impl Cmd {
         let guided = self.guidance != 1.0;
         let planning = match self.words.unwrap_or(usize::MAX) {
             0 => None,
-            words => Some(Limits { words, steps: self.steps, guided }),
+            words => Some(Limits { words, steps: self.steps, guided, anchors: self.anchors > 0 }),
         };
         let report = plan::plan(&blob, self.tokens, self.anchors, refinement, planning)?;
         say(&format!(

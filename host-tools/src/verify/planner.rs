@@ -117,7 +117,8 @@ pub fn logits(blob: &BlobFile, case: &Case, tokens: &[u16], time: f64) -> Result
     let refused = |source| Error::Prompt { clip: case.id.clone(), source };
     let prompt = Prompt::Text(&case.prompt);
     let planning = Planning { guidance: 1.0, ..Planning::default() };
-    let limits = Limits { words: modules.text.rows(&prompt).map_err(refused)?, steps: 1, guided: planning.guided() };
+    let words = modules.text.rows(&prompt).map_err(refused)?;
+    let limits = Limits { words, steps: 1, guided: planning.guided(), anchors: false };
     let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits).div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens.len(), &limits).map_err(Error::Arena)?;

@@ -313,5 +313,6 @@ pub fn planning<'f>(random: &mut Stream, fixed: &'f [Fixed]) -> Planning<'f> {
         fixed: if random.below(3) == 0 { fixed } else { &[] },
         start_open: random.below(2) == 0,
         end_open: random.below(2) == 0,
+        conditioned: random.below(4) > 0,
     }
 }
