@@ -127,9 +127,9 @@ impl<'a> Control<'a> {
     #[must_use]
     pub fn macs(&self, tokens: usize) -> u64 {
         let (width, rank, inner) = (u64::from(self.width), u64::from(self.rank), self.scaffold.width() as u64);
-        let tokens_u64 = tokens as u64;
-        let low = u64::from(self.layers) * tokens_u64 * rank * (inner + 2 * width);
-        let context = if self.context.is_some() { inner * (inner + width) + tokens_u64 * inner * width } else { 0 };
+        let rows = tokens as u64;
+        let low = u64::from(self.layers) * rows * rank * (inner + 2 * width);
+        let context = if self.context.is_some() { inner * (inner + width) + rows * inner * width } else { 0 };
         self.scaffold.macs(tokens) + low + context
     }
 

@@ -78,6 +78,8 @@ pub struct Tally {
     pub requests_refused: u64,
     /// Requests that gave a motion.
     pub motions: u64,
+    /// Of these, motions whose planner saw anchors.
+    pub conditioned: u64,
     /// Streams whose motion was compared with the whole.
     pub streams: u64,
     /// Files that were refused.
