@@ -64,6 +64,7 @@ extern crate std;
 #[cfg(target_endian = "big")]
 compile_error!("motionette reads little-endian weights in place; big-endian targets are not supported");
 
+mod angle;
 pub mod arena;
 pub mod blob;
 pub mod decoding;

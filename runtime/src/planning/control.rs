@@ -9,7 +9,7 @@ use super::transformer::Planner;
 use crate::blob::{Activation, ControlConfig, Error, Tensors};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes, below, project_low_rank};
-use crate::nn::conv1d::{BLOCK, larger};
+use crate::nn::conv1d::larger;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
 use crate::nn::{Check, Interrupted, activation};
@@ -163,14 +163,14 @@ impl<'a> Control<'a> {
             check()?;
         }
         if let Some(Context { enter, leave, local }) = &self.context {
-            let width = usize::from(self.width);
+            let width = usize::from(self.width).max(1);
             let (global, locals) = condition.shares.split_at_mut_checked(width).unwrap_or_default();
             let hidden = work.get_mut(..inner).unwrap_or_default();
             scratch.linear(enter, mean, hidden);
             activation::apply(Activation::Gelu, hidden);
             scratch.linear(leave, hidden, global);
-            for (rows, out) in h.chunks((BLOCK * inner).max(1)).zip(locals.chunks_mut((BLOCK * width).max(1))) {
-                scratch.linear(local, rows, out);
+            for (row, out) in h.chunks_exact(inner).zip(locals.chunks_exact_mut(width)) {
+                scratch.linear(local, row, out);
             }
         }
         Ok(())
