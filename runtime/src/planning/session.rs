@@ -411,7 +411,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         for first in (0..count).step_by(BLOCK) {
             let _ = self.block(first, count);
             let positions = tokens.iter_mut().zip(self.proposal.iter_mut()).enumerate().skip(first);
-            for (logits, (i, (token, proposal))) in self.logits.chunks_exact_mut(codes).zip(positions) {
+            for (logits, (i, (token, proposal))) in self.logits.chunks_exact_mut(codes).take(BLOCK).zip(positions) {
                 let proposed = sampling.propose(logits, stream);
                 let draws = (stream.unit(), stream.unit());
                 if planning.fixed_at(i).is_some() {
