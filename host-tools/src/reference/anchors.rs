@@ -1,5 +1,7 @@
 //! Anchors: what must be where, when (EQUATIONS section 2).
 
+use serde::{Deserialize, Serialize};
+
 use super::real::Real;
 use super::recover::JOINTS;
 
@@ -28,14 +30,17 @@ pub struct Anchor {
     pub target: Target,
 }
 
-/// The three control families, in this order wherever there is one number for each.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The three control families, in this order wherever there is one number for each; by their names in a control checkpoint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Family {
     /// Pelvis in space.
+    #[serde(rename = "root3d")]
     Root3d,
     /// Pelvis on the ground plane.
+    #[serde(rename = "planar")]
     PlanarRoot,
     /// A joint in space.
+    #[serde(rename = "body")]
     BodyPoint,
 }
 

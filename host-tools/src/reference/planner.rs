@@ -62,7 +62,7 @@ impl<T: Real> Planner<T> {
             position: Embedding::new(&p.position),
             end: Embedding::new(&p.end),
             fixed: Embedding::new(&p.fixed),
-            layers: p.layers.iter().map(|b| Block::new(b, config.planner.heads, config)).collect(),
+            layers: p.layers.iter().map(|b| Block::new(b, config.planner.heads, config.form())).collect(),
             norm: LayerNorm::new(&p.norm, config.epsilon),
             token: Linear::new(&p.token),
             tokens: Embedding::of_rows(&p.token),
