@@ -192,13 +192,15 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
         "text encoder",
         "stored prompts",
         "planner",
+        "anchor control",
     ];
-    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0, 0, 0, 0];
+    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0, 0, 0, 0, 0];
     for (index, t) in blob.table()?.into_iter().enumerate() {
         let section = match t.dtype {
             _ if t.name.starts_with("text.") => 7,
             _ if t.name.starts_with("bank.") => 8,
             _ if t.name.starts_with("planner.") => 9,
+            _ if t.name.starts_with("control.") => 10,
             DType::F32 if index < 2 => 2,
             DType::F16 => 3,
             DType::I8 => 4,

@@ -44,6 +44,28 @@ pub enum Family {
     BodyPoint,
 }
 
+impl core::fmt::Display for Family {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Family::Root3d => "Root-3D",
+            Family::PlanarRoot => "Planar-root",
+            Family::BodyPoint => "Body-point",
+        })
+    }
+}
+
+impl Family {
+    /// Its bit in a set of families, as a blob stores it.
+    #[must_use]
+    pub fn bit(self) -> u8 {
+        match self {
+            Family::Root3d => 1,
+            Family::PlanarRoot => 2,
+            Family::BodyPoint => 4,
+        }
+    }
+}
+
 impl Anchor {
     /// Its control family.
     #[must_use]
