@@ -65,6 +65,14 @@ pub enum Error {
         /// Why.
         source: motionette::perception::prompt::PromptError,
     },
+    /// The runtime refused anchors of a clip.
+    #[error("the anchors of clip {clip}: {source}")]
+    Anchors {
+        /// The clip's name.
+        clip: String,
+        /// Why.
+        source: motionette::perception::anchors::AnchorError,
+    },
     /// The planner took more memory than it said.
     #[error("the runtime's planner says: {0}")]
     Arena(motionette::arena::ArenaTooSmall),
@@ -135,13 +143,15 @@ pub struct Verification {
     pub solvers: Option<solvers::Report>,
     /// Planner against planner ([`planner::verify`]); `None` without a prior.
     pub planner: Option<planner::Report>,
+    /// The same on anchors that the planner sees; `None` without a control.
+    pub control: Option<planner::Report>,
 }
 
 impl Verification {
     /// Whether every budget is kept.
     #[must_use]
     pub fn passed(&self) -> bool {
-        self.budgets.iter().all(|b| b.met) && self.planner.as_ref().is_none_or(|p| p.met)
+        self.budgets.iter().all(|b| b.met) && self.planner.iter().chain(&self.control).all(|p| p.met)
     }
 }
 
@@ -335,7 +345,7 @@ pub fn verify(
     let layers = layers::measure(blob, checkpoint, &latents)?;
     let solvers = if solver_clips > 0 { Some(solvers::compare(blob, &road, sequences, solver_clips)?) } else { None };
     let budgets = budgets(&agreement);
-    Ok(Verification { agreement, budgets, layers, solvers, planner: None })
+    Ok(Verification { agreement, budgets, layers, solvers, planner: None, control: None })
 }
 
 fn budgets(a: &Agreement) -> Vec<Budget> {
