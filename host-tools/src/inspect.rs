@@ -222,13 +222,12 @@ fn control_info(
         let rows = control_rows(&layer.name, max_tokens, frames);
         info(layer, rows, originals.iter().find(|o| o.name == layer.name))
     });
-    let families = [Family::Root3d, Family::PlanarRoot, Family::BodyPoint];
     Ok(Some(ControlInfo {
         scaffold: words(&control.scaffold),
         frame_width: control.frame_width,
         rank: control.rank,
         context: control.context,
-        families: families.into_iter().filter(|family| control.families & family.bit() != 0).collect(),
+        families: Family::ALL.into_iter().filter(|family| control.families & family.bit() != 0).collect(),
         layers: layers.collect(),
     }))
 }

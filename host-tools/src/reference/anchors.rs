@@ -55,6 +55,9 @@ impl core::fmt::Display for Family {
 }
 
 impl Family {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Root3d, Self::PlanarRoot, Self::BodyPoint];
+
     /// Its bit in a set of families, as a blob stores it.
     #[must_use]
     pub fn bit(self) -> u8 {
