@@ -285,8 +285,13 @@ impl Cmd {
         motionette_host::verify::check_same_prior(blob, &checkpoint)?;
         let prior = Prior::<f32>::new(&checkpoint, tokenizer);
         let read = prior.text.read(prompt)?;
-        let case =
-            Case { id: "prompt".into(), prompt: prompt.to_owned(), words: read.ids, tokens: after.tokens.clone() };
+        let case = Case {
+            id: "prompt".into(),
+            prompt: prompt.to_owned(),
+            words: read.ids,
+            tokens: after.tokens.clone(),
+            anchors: Vec::new(),
+        };
         let guided = prior.guided(&case.words, 1.0);
         let codes = prior.planner.codes;
         // The first step saw random tokens, every other one what the step before it left.

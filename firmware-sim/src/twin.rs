@@ -179,6 +179,7 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
             fixed: if plan.ends_fixed { &fixed } else { &[] },
             start_open: plan.open,
             end_open: plan.open,
+            conditioned: true,
         }),
     };
 

@@ -31,9 +31,9 @@ fn main() -> Result<()> {
     let tokenizer = checkpoint::load(Path::new(tokenizer))?;
     let weights = prior::load(Path::new(weights))?;
     let exact = Prior::<f32>::new(&weights, &tokenizer);
-    let cases = planner::cases(&tokenizer, &exact, &Dataset::load(dataset)?, Split::Test, CLIPS)?;
+    let cases = planner::cases(&tokenizer, &exact, &Dataset::load(dataset)?, Split::Test, CLIPS, false)?;
     let prior = |weights: &PriorCheckpoint| Prior::<f32>::new(weights, &tokenizer);
-    let rounded = dequantised(&weights, &quantise(&weights));
+    let rounded = dequantised(&weights, &quantise(&weights, None));
     report("int8, to nearest", &cases, &exact, &prior(&rounded))?;
     // Each kind of tensor rounded alone.
     for kind in [

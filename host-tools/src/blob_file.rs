@@ -6,8 +6,11 @@ use motionette::Model;
 use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensors};
 
 use crate::checkpoint::prior::PartMut;
-use crate::checkpoint::{self, PriorCheckpoint};
+use crate::checkpoint::{self, ControlCheckpoint, PriorCheckpoint};
 use crate::convert::{AlignedBlob, QuantisedConv1d};
+
+/// What the names of the anchor control's tensors begin with.
+const CONTROL: &str = "control.";
 
 /// A blob file could not be used.
 #[derive(Debug, thiserror::Error)]
@@ -143,6 +146,23 @@ impl BlobFile {
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn prior_layers(&self) -> Result<Vec<QuantisedConv1d>, Error> {
+        let mut layers = self.planning_layers()?;
+        layers.retain(|layer| !layer.name.starts_with(CONTROL));
+        Ok(layers)
+    }
+
+    /// Those of the anchor control.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn control_layers(&self) -> Result<Vec<QuantisedConv1d>, Error> {
+        let mut layers = self.planning_layers()?;
+        layers.retain(|layer| layer.name.starts_with(CONTROL));
+        Ok(layers)
+    }
+
+    /// Everything behind the decoder.
+    fn planning_layers(&self) -> Result<Vec<QuantisedConv1d>, Error> {
         let (_, manifest, _) = self.parts()?;
         let mut layers = layers(&self.table()?);
         Ok(layers.split_off(convolutions(&manifest).min(layers.len())))
@@ -161,25 +181,39 @@ impl BlobFile {
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn dequantised_prior(&self, prior: &PriorCheckpoint) -> Result<PriorCheckpoint, Error> {
-        let layers = self.prior_layers()?;
-        let find = |name: &str| layers.iter().find(|l| l.name == name).map(QuantisedConv1d::dequantised);
         let mut result = prior.clone();
-        for part in result.parts_mut() {
-            match part {
-                PartMut::Linear(linear) => {
-                    if let Some(back) = find(&linear.name) {
-                        (linear.weight, linear.bias) = (back.weight, back.bias);
-                    }
-                }
-                PartMut::Embedding(table) => {
-                    if let Some(back) = find(&table.name) {
-                        table.weight = back.weight;
-                    }
-                }
-                PartMut::Norm(_) => {}
-            }
-        }
+        put_back(&self.prior_layers()?, result.parts_mut());
         Ok(result)
+    }
+
+    /// A control with the blob's weights in place of its own; what the blob does not hold in integers stays.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn dequantised_control(&self, control: &ControlCheckpoint) -> Result<ControlCheckpoint, Error> {
+        let mut result = control.clone();
+        put_back(&self.control_layers()?, result.parts_mut());
+        Ok(result)
+    }
+}
+
+/// What the integers of `layers` stand for into the parts of the same names.
+fn put_back(layers: &[QuantisedConv1d], parts: Vec<PartMut<'_>>) {
+    let find = |name: &str| layers.iter().find(|l| l.name == name).map(QuantisedConv1d::dequantised);
+    for part in parts {
+        match part {
+            PartMut::Linear(linear) => {
+                if let Some(back) = find(&linear.name) {
+                    (linear.weight, linear.bias) = (back.weight, back.bias);
+                }
+            }
+            PartMut::Embedding(table) => {
+                if let Some(back) = find(&table.name) {
+                    table.weight = back.weight;
+                }
+            }
+            PartMut::Norm(_) => {}
+        }
     }
 }
 

@@ -4,8 +4,9 @@ use serde::Serialize;
 
 use crate::blob_file::{BlobFile, Error};
 use crate::checkpoint::prior::Part;
-use crate::checkpoint::{Conv1d, PriorCheckpoint, TokenizerCheckpoint};
+use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerCheckpoint};
 use crate::convert::QuantisedConv1d;
+use crate::reference::anchors::Family;
 use motionette::blob::{DType, Manifest, Sampler, TransformerConfig};
 
 /// Everything `motionette inspect` shows.
@@ -37,6 +38,25 @@ pub struct Inspection {
     pub layers: Vec<LayerInfo>,
     /// Text encoder, stored prompts and planner; `None` when there are none.
     pub prior: Option<PriorInfo>,
+    /// Anchor control of the planner; `None` when there is none.
+    pub control: Option<ControlInfo>,
+}
+
+/// Anchor control of the planner.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ControlInfo {
+    /// Configuration of the scaffold encoder in words.
+    pub scaffold: String,
+    /// Width of a frame before frames are merged.
+    pub frame_width: u16,
+    /// Rank of the projections to keys and values.
+    pub rank: u16,
+    /// Whether anchors speak to the planner's rows as well (dual context).
+    pub context: bool,
+    /// Control families that it sees, as a control checkpoint names them.
+    pub families: Vec<Family>,
+    /// Linears and tables. Work is that of the anchors of one request at the longest motion.
+    pub layers: Vec<LayerInfo>,
 }
 
 /// Text encoder, stored prompts and planner.
@@ -110,6 +130,7 @@ pub fn inspect(
     blob: &BlobFile,
     checkpoint: Option<&TokenizerCheckpoint>,
     prior: Option<&PriorCheckpoint>,
+    control: Option<&ControlCheckpoint>,
 ) -> Result<Inspection, Error> {
     let (header, manifest, _) = blob.parts()?;
     let tensors = blob
@@ -147,7 +168,17 @@ pub fn inspect(
         tensors,
         layers: layers.collect(),
         prior: prior_info(blob, &manifest, prior)?,
+        control: control_info(blob, &manifest, control)?,
     })
+}
+
+/// A transformer in words.
+fn words(t: &TransformerConfig) -> String {
+    let (norm, activation) = (format!("{:?}", t.norm).to_lowercase(), format!("{:?}", t.activation).to_lowercase());
+    format!(
+        "{} layers of width {}, {} heads, hidden {}, norms {norm}, {activation}",
+        t.layers, t.width, t.heads, t.hidden
+    )
 }
 
 fn prior_info(
@@ -157,14 +188,8 @@ fn prior_info(
 ) -> Result<Option<PriorInfo>, Error> {
     let (Some(text), planner) = (manifest.text, manifest.planner) else { return Ok(None) };
     let lines = |text: &str| text.lines().map(str::to_owned).collect::<Vec<_>>();
-    let words = |t: &TransformerConfig| {
-        let (norm, activation) = (format!("{:?}", t.norm).to_lowercase(), format!("{:?}", t.activation).to_lowercase());
-        format!(
-            "{} layers of width {}, {} heads, hidden {}, norms {norm}, {activation}",
-            t.layers, t.width, t.heads, t.hidden
-        )
-    };
-    let originals: Vec<Conv1d> = checkpoint.map(originals).unwrap_or_default();
+    let parts = checkpoint.map(|prior| [prior.text_parts(), prior.planner_parts()].concat());
+    let originals = originals(&parts.unwrap_or_default());
     let max_tokens = usize::from(manifest.max_tokens);
     let layers = blob.prior_layers()?;
     let layers = layers.iter().map(|layer| {
@@ -184,10 +209,33 @@ fn prior_info(
     }))
 }
 
-/// Linears and tables of a prior as convolutions of one tap.
-fn originals(prior: &PriorCheckpoint) -> Vec<Conv1d> {
-    let parts = prior.text_parts().into_iter().chain(prior.planner_parts());
+fn control_info(
+    blob: &BlobFile,
+    manifest: &Manifest<'_>,
+    checkpoint: Option<&ControlCheckpoint>,
+) -> Result<Option<ControlInfo>, Error> {
+    let Some(control) = manifest.control else { return Ok(None) };
+    let originals = originals(&checkpoint.map(ControlCheckpoint::parts).unwrap_or_default());
+    let (max_tokens, frames) = (usize::from(manifest.max_tokens), 1 << manifest.decoder.stages);
+    let layers = blob.control_layers()?;
+    let layers = layers.iter().map(|layer| {
+        let rows = control_rows(&layer.name, max_tokens, frames);
+        info(layer, rows, originals.iter().find(|o| o.name == layer.name))
+    });
+    Ok(Some(ControlInfo {
+        scaffold: words(&control.scaffold),
+        frame_width: control.frame_width,
+        rank: control.rank,
+        context: control.context,
+        families: Family::ALL.into_iter().filter(|family| control.families & family.bit() != 0).collect(),
+        layers: layers.collect(),
+    }))
+}
+
+/// Linears and tables as convolutions of one tap.
+fn originals(parts: &[Part<'_>]) -> Vec<Conv1d> {
     parts
+        .iter()
         .filter_map(|part| match part {
             Part::Linear(linear) => Some(linear.as_convolution()),
             Part::Embedding(table) => Some(table.as_convolution()),
@@ -208,6 +256,17 @@ pub fn prior_rows(name: &str, tokens: usize, words: usize) -> usize {
         _ if !name.contains(".layers.") => 0,
         _ if name.starts_with("text.") => words,
         _ => tokens + 1,
+    }
+}
+
+/// Rows that a linear of the anchor control computes, by its name; 0 for tables.
+#[must_use]
+pub fn control_rows(name: &str, tokens: usize, frames_per_token: usize) -> usize {
+    match name {
+        "control.position" => 0,
+        "control.frame" => tokens * frames_per_token,
+        "control.global.in" | "control.global.out" => 1,
+        _ => tokens,
     }
 }
 

@@ -27,6 +27,8 @@ pub struct Planning {
     pub steps: u16,
     /// Whether guidance is on, which doubles the passes.
     pub guided: bool,
+    /// Whether the planner sees anchors.
+    pub conditioned: bool,
     /// Arena bytes; decoding and refinement take the same place afterwards.
     pub bytes: usize,
     /// Multiply-accumulates at most.
@@ -110,7 +112,8 @@ pub fn plan(
     let tokens = tokens.clamp(1, model.max_tokens());
     let planning = planning.filter(|_| model.planning().is_some()).map(|limits| {
         let most = model.text().map_or(1, |t| t.max_words());
-        planning::Limits { words: limits.words.clamp(1, most), ..limits }
+        let anchors = limits.anchors && anchors > 0 && model.control().is_some();
+        planning::Limits { words: limits.words.clamp(1, most), anchors, ..limits }
     });
     let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning });
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
@@ -136,6 +139,7 @@ pub fn plan(
             words: limits.words,
             steps: limits.steps,
             guided: limits.guided,
+            conditioned: limits.anchors,
             bytes: plan.planning_bytes,
             macs: plan.planning_macs,
         }),
@@ -149,7 +153,11 @@ pub fn plan(
         gradients: plan.gradients,
         macs: plan.macs,
         decoder_macs: stages(blob, tokens)?,
-        stream: stream(&model, &StreamLimits { tokens, planning }),
+        // A stream has no anchors.
+        stream: stream(
+            &model,
+            &StreamLimits { tokens, planning: planning.map(|p| planning::Limits { anchors: false, ..p }) },
+        ),
         self_test: format!("{:016x}", model.self_test().hash),
     })
 }
@@ -188,13 +196,15 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
         "text encoder",
         "stored prompts",
         "planner",
+        "anchor control",
     ];
-    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0, 0, 0, 0];
+    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0, 0, 0, 0, 0];
     for (index, t) in blob.table()?.into_iter().enumerate() {
         let section = match t.dtype {
             _ if t.name.starts_with("text.") => 7,
             _ if t.name.starts_with("bank.") => 8,
             _ if t.name.starts_with("planner.") => 9,
+            _ if t.name.starts_with("control.") => 10,
             DType::F32 if index < 2 => 2,
             DType::F16 => 3,
             DType::I8 => 4,
@@ -238,7 +248,7 @@ pub fn model_rs(report: &Report, blob_path: &str) -> String {
         model, tokens, frames, anchors, solver_evaluations, arena_bytes, flash_bytes, macs, self_test, ..
     } = report;
     let planning = report.planning.as_ref().map_or_else(String::new, |p| {
-        let Planning { words, steps, guided, .. } = p;
+        let Planning { words, steps, guided, conditioned, .. } = p;
         format!(
             r#"/// Largest request: words of the prompt.
 pub const WORDS: usize = {words};
@@ -246,6 +256,8 @@ pub const WORDS: usize = {words};
 pub const STEPS: u16 = {steps};
 /// Largest request: whether guidance may be on.
 pub const GUIDED: bool = {guided};
+/// Largest request: whether anchors may condition the planner.
+pub const CONDITIONED: bool = {conditioned};
 "#
         )
     });

@@ -3,106 +3,15 @@
 
 mod common;
 
-use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::Command;
 
-use common::Random;
-use common::checkpoints::{self, prior_config, prior_metadata, tokenizer_metadata};
+use common::bench::{Bench, list, report};
+use common::checkpoints::{self, prior_config, prior_metadata};
 use motionette_host::blob_file::BlobFile;
 use motionette_host::checkpoint::prior;
-use motionette_host::dataset::{Builder, Caption, Clip, Split};
-use motionette_host::motion::recover;
 use motionette_host::reference::Prior;
 use motionette_host::reference::tmd::{Sampling, Schedule, Settings};
 use serde_json::Value;
-
-const BANK: &str = "# two prompts\nwave\ta person waves\n\nfly\tA person flying!\n";
-
-/// A folder with a tokenizer, a prior of its tokens and a bank file.
-struct Bench {
-    folder: tempfile::TempDir,
-}
-
-impl Bench {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let bench = Self { folder };
-        // Joints within a metre, whatever the tokens.
-        let mut tokenizer = checkpoints::tokenizer();
-        let mut std = tokenizer.find("std").expect("std").clone();
-        std.data.iter_mut().for_each(|s| *s = 0.05);
-        tokenizer.insert("std", std);
-        let metadata = tokenizer_metadata(checkpoints::TOKENIZER);
-        bench.write("t.safetensors", &checkpoints::bytes(&tokenizer, metadata));
-        for (name, norm, activation) in [("p", "pre", "gelu"), ("post", "post", "relu")] {
-            let metadata = prior_metadata(&prior_config(norm, activation));
-            bench.write(&format!("{name}.prior.safetensors"), &checkpoints::bytes(&checkpoints::prior(5), metadata));
-        }
-        bench.write("bank.txt", BANK.as_bytes());
-        bench
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn write(&self, name: &str, bytes: &[u8]) {
-        std::fs::write(self.path(name), bytes).expect("written");
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_motionette"))
-            .args(arguments)
-            .arg("--json")
-            .current_dir(self.folder.path())
-            .output()
-            .expect("the program starts")
-    }
-
-    fn succeeds(&self, line: &str) -> Value {
-        self.makes(&line.split_whitespace().collect::<Vec<_>>())
-    }
-
-    fn makes(&self, arguments: &[&str]) -> Value {
-        let output = self.run(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-        report(&output)
-    }
-
-    /// Fails with status 1 and says all of `words`; nothing was written to `x`.
-    fn fails(&self, arguments: &[&str], words: &[&str]) {
-        let output = self.run(arguments);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {said}");
-        assert!(said.starts_with("error: ") && !said.contains("panicked"), "{said}");
-        for word in words {
-            assert!(said.contains(word), "{word:?} not in: {said}");
-        }
-        assert!(report(&output)["error"].is_string());
-        assert!(!self.path("x").exists(), "{arguments:?} left something behind");
-    }
-
-    /// Fails with status 2: the arguments make no sense.
-    fn misused(&self, line: &str, word: &str) {
-        let output = self.run(&line.split_whitespace().collect::<Vec<_>>());
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{line}: {said}");
-        assert!(said.contains(word), "{word:?} not in: {said}");
-    }
-
-    fn convert(&self) {
-        self.succeeds("convert t.safetensors --prior p.prior.safetensors --bank bank.txt -o p.blob");
-    }
-}
-
-fn report(output: &Output) -> Value {
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    serde_json::from_str(text.lines().last().unwrap_or_default()).unwrap_or_else(|e| panic!("{e}: {text}"))
-}
-
-fn list(value: &Value) -> Vec<String> {
-    value.as_array().expect("a list").iter().map(|v| v.as_str().expect("text").to_owned()).collect()
-}
 
 #[test]
 fn a_blob_holds_what_the_checkpoints_hold() {
@@ -300,25 +209,7 @@ fn prompts_by_name_lengths_and_anchors() {
 fn verify_compares_the_planners() {
     let bench = Bench::new();
     bench.convert();
-    let mut random = Random(3);
-    let mut builder = Builder::new();
-    for (id, captions) in [("silent", &[][..]), ("a", &["a person walks"]), ("b", &["zebra", "the person waves"])] {
-        let features: Vec<f32> = (0..60 * 263).map(|_| 0.05 * random.uniform() as f32).collect();
-        let joints = recover::joints(&features).expect("whole rows");
-        let caption = |text: &&str| Caption { text: (*text).to_owned(), from: 0.0, to: 0.0, source: "test".into() };
-        let clip = Clip {
-            id: id.to_owned(),
-            split: Split::Test,
-            subset: "test".to_owned(),
-            source: "random numbers".to_owned(),
-            fps_source: 20.0,
-            captions: captions.iter().map(caption).collect(),
-            labels: Value::Null,
-            hash: String::new(),
-        };
-        builder.push(clip, &joints, &features).expect("rows of a motion");
-    }
-    builder.finish().save(bench.path("d.mds")).expect("saved");
+    bench.dataset();
     let line = "verify p.blob --checkpoint t.safetensors --prior p.prior.safetensors --dataset d.mds --solver 0";
     let output = bench.run(&line.split_whitespace().collect::<Vec<_>>());
     // The random decoder may miss its budgets; the planners are compared all the same.

@@ -1,164 +1,15 @@
-//! The reference's prior against formulas written out anew: whole matrices in f64, weights looked up by name.
+//! The reference's prior against formulas written out anew.
 
 mod common;
 
 use common::checkpoints::{prior, prior_checkpoint, tokenizer_checkpoint};
+use common::naive::{Naive, close};
 use motionette::hash::Stream;
-use motionette_host::checkpoint::TensorMap;
 use motionette_host::reference::planner::Window;
 use motionette_host::reference::tmd::{Sampling, Schedule, Settings, Tmd};
 use motionette_host::reference::{Prior, Real};
 
-type Matrix = Vec<Vec<f64>>;
-
-/// The formulas, for one order of norms and one nonlinearity.
-struct Naive {
-    map: TensorMap,
-    post: bool,
-    relu: bool,
-}
-
-impl Naive {
-    fn vector(&self, name: &str) -> Vec<f64> {
-        self.map.find(name).expect(name).data.iter().map(|&v| f64::from(v)).collect()
-    }
-
-    fn matrix(&self, name: &str) -> Matrix {
-        let columns = self.map.find(name).expect(name).shape[1];
-        self.vector(name).chunks(columns).map(<[f64]>::to_vec).collect()
-    }
-
-    fn linear(&self, name: &str, x: &Matrix) -> Matrix {
-        let (w, b) = (self.matrix(&format!("{name}.weight")), self.vector(&format!("{name}.bias")));
-        let row = |x: &Vec<f64>| {
-            w.iter().zip(&b).map(|(w, b)| b + w.iter().zip(x).map(|(w, x)| w * x).sum::<f64>()).collect()
-        };
-        x.iter().map(row).collect()
-    }
-
-    fn norm(&self, name: &str, x: &Matrix) -> Matrix {
-        let (w, b) = (self.vector(&format!("{name}.weight")), self.vector(&format!("{name}.bias")));
-        let row = |x: &Vec<f64>| {
-            let n = x.len() as f64;
-            let mean = x.iter().sum::<f64>() / n;
-            let variance = x.iter().map(|v| v * v).sum::<f64>() / n - mean * mean;
-            (0..x.len()).map(|i| (x[i] - mean) / (variance + 1e-5).sqrt() * w[i] + b[i]).collect()
-        };
-        x.iter().map(row).collect()
-    }
-
-    fn attention(q: &Matrix, k: &Matrix, v: &Matrix, heads: usize) -> Matrix {
-        let dh = q[0].len() / heads;
-        let mut out = vec![Vec::new(); q.len()];
-        for (q, out) in q.iter().zip(&mut out) {
-            for h in 0..heads {
-                let scores: Vec<f64> = k
-                    .iter()
-                    .map(|k| (0..dh).map(|c| q[h * dh + c] * k[h * dh + c]).sum::<f64>() / (dh as f64).sqrt())
-                    .map(f64::exp)
-                    .collect();
-                let sum: f64 = scores.iter().sum();
-                out.extend((0..dh).map(|c| scores.iter().zip(v).map(|(s, v)| s / sum * v[h * dh + c]).sum::<f64>()));
-            }
-        }
-        out
-    }
-
-    fn part(x: &Matrix, from: usize, to: usize) -> Matrix {
-        x.iter().map(|r| r[from..to].to_vec()).collect()
-    }
-
-    fn sublayer(&self, norm: &str, x: &Matrix, f: impl Fn(&Matrix) -> Matrix) -> Matrix {
-        let sum = |a: &Matrix, b: Matrix| -> Matrix {
-            a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a + b).collect()).collect()
-        };
-        if self.post { self.norm(norm, &sum(x, f(x))) } else { sum(x, f(&self.norm(norm, x))) }
-    }
-
-    fn block(&self, name: &str, x: &Matrix, heads: usize, memory: Option<&Matrix>) -> Matrix {
-        let d = x[0].len();
-        let x = self.sublayer(&format!("{name}.norm1"), x, |h| {
-            let qkv = self.linear(&format!("{name}.attention.qkv"), h);
-            let (q, k, v) = (Self::part(&qkv, 0, d), Self::part(&qkv, d, 2 * d), Self::part(&qkv, 2 * d, 3 * d));
-            self.linear(&format!("{name}.attention.out"), &Self::attention(&q, &k, &v, heads))
-        });
-        let x = memory.map_or(x.clone(), |memory| {
-            self.sublayer(&format!("{name}.norm_cross"), &x, |h| {
-                let kv = self.linear(&format!("{name}.cross.kv"), memory);
-                let q = self.linear(&format!("{name}.cross.q"), h);
-                let mixed = Self::attention(&q, &Self::part(&kv, 0, d), &Self::part(&kv, d, 2 * d), heads);
-                self.linear(&format!("{name}.cross.out"), &mixed)
-            })
-        });
-        self.sublayer(&format!("{name}.norm2"), &x, |h| {
-            let mut hidden = self.linear(&format!("{name}.ffn.in"), h);
-            for v in hidden.iter_mut().flatten() {
-                *v = match self.relu {
-                    true => v.max(0.0),
-                    false => *v * normal_distribution(*v),
-                };
-            }
-            self.linear(&format!("{name}.ffn.out"), &hidden)
-        })
-    }
-
-    /// Memory and pooled vector.
-    fn text(&self, words: &[u16]) -> (Matrix, Vec<f64>) {
-        let (embedding, position) = (self.matrix("text.embedding.weight"), self.matrix("text.position.weight"));
-        let x: Matrix = (0..words.len())
-            .map(|i| embedding[usize::from(words[i])].iter().zip(&position[i]).map(|(a, b)| a + b).collect())
-            .collect();
-        let memory = self.norm("text.norm", &self.block("text.layers.0", &x, 2, None));
-        let pooled = (0..8).map(|c| memory.iter().map(|row| row[c]).sum::<f64>() / words.len() as f64).collect();
-        (memory, pooled)
-    }
-
-    fn planner(&self, words: &[u16], z: &[u16], time: usize, fixed: &[bool], open: (bool, bool)) -> Matrix {
-        let table = |name: &str| self.matrix(&format!("planner.{name}.weight"));
-        let (memory, pooled) = self.text(words);
-        let mut first = self.linear("planner.global", &vec![pooled]).remove(0);
-        let boundary = match open {
-            (false, false) => 0,
-            (false, true) => 1,
-            (true, false) => 2,
-            (true, true) => 3,
-        };
-        for (c, v) in first.iter_mut().enumerate() {
-            *v += table("time")[time][c] + table("boundary")[boundary][c];
-        }
-        let mut x = vec![first];
-        for (i, &token) in z.iter().enumerate() {
-            let mut row = table("token")[usize::from(token)].clone();
-            for (c, v) in row.iter_mut().enumerate() {
-                *v += table("position")[i][c];
-                *v += if open.1 { 0.0 } else { table("end")[z.len() - 1 - i][c] };
-                *v += if fixed[i] { table("fixed")[0][c] } else { 0.0 };
-            }
-            x.push(row);
-        }
-        for layer in ["planner.layers.0", "planner.layers.1"] {
-            x = self.block(layer, &x, 3, Some(&memory));
-        }
-        self.linear("planner.token", &self.norm("planner.norm", &x).split_off(1))
-    }
-}
-
-/// `(1 + erf(x / sqrt 2)) / 2` by Simpson's rule over the density.
-fn normal_distribution(x: f64) -> f64 {
-    let (steps, density) = (400, |s: f64| (-0.5 * s * s).exp() / (2.0 * core::f64::consts::PI).sqrt());
-    let h = x / f64::from(steps);
-    let inner: f64 = (1..steps).map(|n| density(f64::from(n) * h) * if n % 2 == 1 { 4.0 } else { 2.0 }).sum();
-    0.5 + h / 3.0 * (density(0.0) + inner + density(x))
-}
-
 const VARIANTS: [(&str, &str); 4] = [("pre", "gelu"), ("pre", "relu"), ("post", "gelu"), ("post", "relu")];
-
-fn close<T: Real>(actual: &[T], expected: &Matrix, limit: f64, what: &str) {
-    let expected: Vec<f64> = expected.iter().flatten().copied().collect();
-    assert_eq!(actual.len(), expected.len(), "{what}");
-    let worst = actual.iter().zip(&expected).map(|(a, e)| (a.to_f64() - e).abs()).fold(0.0, f64::max);
-    assert!(worst <= limit, "{what}: off by {worst:.3e}");
-}
 
 fn forward<T: Real>(limit: f64) {
     let tokenizer = tokenizer_checkpoint();
@@ -184,7 +35,12 @@ fn forward<T: Real>(limit: f64) {
             let fixed: Vec<bool> = (0..z.len()).map(|i| i % 3 == 2).collect();
             let window = Window { fixed: &fixed, start_open: open.0, end_open: open.1 };
             let logits = reference.planner.logits(&context, z, time, window);
-            close(&logits, &naive.planner(&words, z, row, &fixed, open), limit, &format!("{norm} {activation} {z:?}"));
+            close(
+                &logits,
+                &naive.planner(&words, z, row, &fixed, open, None),
+                limit,
+                &format!("{norm} {activation} {z:?}"),
+            );
         }
     }
 }
@@ -204,8 +60,8 @@ fn guidance_goes_from_the_unconditional_prompt_through_the_text() {
     let reference = Prior::<f64>::new(&prior_checkpoint(4, "pre", "gelu"), &tokenizer_checkpoint());
     let naive = Naive { map: prior(4), post: false, relu: false };
     let (words, z, fixed) = ([3_u16, 5], [4_u16, 2, 0, 1], [false; 4]);
-    let with = naive.planner(&words, &z, 12, &fixed, (false, false));
-    let without = naive.planner(&[0], &z, 12, &fixed, (false, false));
+    let with = naive.planner(&words, &z, 12, &fixed, (false, false), None);
+    let without = naive.planner(&[0], &z, 12, &fixed, (false, false), None);
     for guidance in [0.0_f32, 1.0, 2.5] {
         let blend = |(a, b): (&f64, &f64)| b + f64::from(guidance) * (a - b);
         let expected = with.iter().zip(&without).map(|(a, b)| a.iter().zip(b).map(blend).collect()).collect();

@@ -22,6 +22,7 @@ impl Fnv {
 
     /// Adds the bits of singles.
     #[must_use]
+    #[inline(never)]
     pub fn singles(self, values: &[f32]) -> Self {
         values.iter().fold(self, |hash, v| hash.bytes(&v.to_bits().to_le_bytes()))
     }

@@ -5,7 +5,8 @@
 //!
 //! ```text
 //! text, anchors ──► perception ──► planning ──► decoding ──► refining ──► motion
-//!                   text encoder   TMD tokens   VQ decoder   RouteSolver  22 joints at 20 fps
+//!                   text encoder,  TMD tokens   VQ decoder   RouteSolver  22 joints at 20 fps
+//!                   scaffold
 //! ```
 //!
 //! # Layers, top-down, and what each may not know
@@ -13,8 +14,8 @@
 //!   module below, none knows it.
 //! - [`plan`]: bytes and work of a request before it runs. Knows sizes, never data.
 //! - [`refining`]: the anchor solver. Knows a differentiable [`refining::MotionMap`], not the decoder behind it.
-//! - [`perception`]: anchors and their validation, prompts and what they say. Knows frames, joints and words, not tokens.
-//! - [`planning`]: prompts to motion tokens: transformer and sampler. Knows neither anchors nor what a token moves.
+//! - [`perception`]: anchors, their validation and their scaffold, prompts and what they say. Knows frames, joints and words.
+//! - [`planning`]: prompts and scaffolds to motion tokens: transformer and sampler. Does not know what a token moves.
 //! - [`decoding`]: token embeddings to motion features, whole with the gradient back, or in segments with the same bits. Knows
 //!   nothing of anchors.
 //! - [`motion`]: features to joints, and the gradient back. Knows nothing of neural networks.
@@ -63,6 +64,7 @@ extern crate std;
 #[cfg(target_endian = "big")]
 compile_error!("motionette reads little-endian weights in place; big-endian targets are not supported");
 
+mod angle;
 pub mod arena;
 pub mod blob;
 pub mod decoding;

@@ -9,8 +9,9 @@ use crate::decoding::codebook::{Codebooks, MAX_QUANTIZERS};
 use crate::decoding::decoder::Decoder;
 use crate::motion::humanml3d;
 use crate::perception::Text;
-use crate::planning::Planner;
+use crate::perception::anchors::FAMILIES;
 use crate::planning::session::Modules;
+use crate::planning::{Control, Planner};
 
 /// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
 pub const MAX_MAGNITUDE: f32 = 1e28;
@@ -43,6 +44,7 @@ pub struct Model<'a> {
     decoder: Decoder<'a>,
     text: Option<Text<'a>>,
     planner: Option<Planner<'a>>,
+    control: Option<Control<'a>>,
 }
 
 impl<'a> Model<'a> {
@@ -77,12 +79,17 @@ impl<'a> Model<'a> {
             None => None,
             Some(config) => Some(Text::open(&mut tensors, config, manifest.max_tokens)?),
         };
-        let planner = match (&manifest.planner, &text) {
-            (Some(config), Some(text)) => {
-                Some(Planner::open(&mut tensors, config, text, manifest.decoder.codes, manifest.max_tokens)?)
+        let (mut planner, mut control) = (None, None);
+        if let (Some(config), Some(text)) = (&manifest.planner, &text) {
+            let max_tokens = manifest.max_tokens;
+            let opened = Planner::open(&mut tensors, config, text, manifest.decoder.codes, max_tokens)?;
+            if let Some(config) = &manifest.control {
+                let sizes = (manifest.frame_rate, decoder.upsampling() as u16, max_tokens);
+                control = Some(Control::open(&mut tensors, config, &opened, sizes)?);
             }
-            _ => None,
-        };
+            opened.check(text, control.as_ref().map_or((0.0, 0.0), Control::bounds))?;
+            planner = Some(opened);
+        }
         // A newer minor version may carry more behind what this one knows.
         if header.minor == MINOR {
             tensors.finish()?;
@@ -99,6 +106,7 @@ impl<'a> Model<'a> {
             decoder,
             text,
             planner,
+            control,
         })
     }
 
@@ -180,11 +188,17 @@ impl<'a> Model<'a> {
         self.planner.as_ref()
     }
 
+    /// Anchor control of the planner.
+    #[must_use]
+    pub const fn control(&self) -> Option<&Control<'a>> {
+        self.control.as_ref()
+    }
+
     /// What a planning session works with; `None` when the blob cannot make tokens.
     #[must_use]
     pub fn planning(&self) -> Option<Modules<'_, 'a>> {
         let (text, planner) = (self.text.as_ref()?, self.planner.as_ref()?);
-        Some(Modules { text, planner, codebooks: &self.codebooks })
+        Some(Modules { text, planner, control: self.control(), codebooks: &self.codebooks })
     }
 }
 
@@ -223,7 +237,7 @@ fn check(manifest: &Manifest<'_>) -> Result<u16, Error> {
     Ok(decoder.features)
 }
 
-/// Checks configuration values of text encoder and planner.
+/// Checks configuration values of text encoder, planner and anchor control.
 fn check_words(manifest: &Manifest<'_>) -> Result<(), Error> {
     let at_most = |what, found: u32, limit: u32| {
         if found == 0 || found > limit { Err(Error::Config { what, found, limit }) } else { Ok(()) }
@@ -245,6 +259,15 @@ fn check_words(manifest: &Manifest<'_>) -> Result<(), Error> {
         let Sampler::Tmd { c, a } = planner.sampler;
         check_number("planner.sampler.c", c, 1e-6, 1e3)?;
         check_number("planner.sampler.a", a, 1e-6, 4.0)?;
+    }
+    if let Some(control) = &manifest.control {
+        if manifest.planner.is_none() {
+            return Err(Error::Config { what: "control without planner", found: 1, limit: 0 });
+        }
+        check_transformer(&control.scaffold)?;
+        at_most("control.frame_width", u32::from(control.frame_width), MAX_WIDTH)?;
+        at_most("control.rank", u32::from(control.rank), MAX_WIDTH)?;
+        at_most("control.families", u32::from(control.families), u32::from(FAMILIES))?;
     }
     Ok(())
 }

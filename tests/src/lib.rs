@@ -3,6 +3,7 @@
 pub mod fuzz;
 pub mod naive;
 pub mod naive_prior;
+pub mod naive_scaffold;
 pub mod tiny;
 
 use std::path::PathBuf;

@@ -1,8 +1,11 @@
-//! The oracle of the planner and what it reads: text encoder, transformer and sampler in f64, from the blob's weights as
+//! The oracle of the planner and what it reads: text encoder, anchor control, transformer and sampler in f64, from the blob's weights as
 //! real numbers, with the softmax over the whole row, nothing quantised, and nothing shared with the runtime.
 
 use motionette::blob::{Activation, Norm, TransformerConfig};
 
+use motionette::Anchor;
+
+use crate::naive_scaffold;
 use crate::tiny::{Block, Layer, NormWeights, Tiny};
 
 /// Rows of numbers.
@@ -93,12 +96,18 @@ fn sublayer(config: &TransformerConfig, norm: &NormWeights, x: &mut Rows, f: imp
     }
 }
 
-fn block(config: &TransformerConfig, b: &Block, x: &mut Rows, memory: &Rows) {
+/// `extra` are keys and values that self-attention reads behind the block's own.
+fn block(config: &TransformerConfig, b: &Block, x: &mut Rows, extra: Option<&(Rows, Rows)>, memory: &Rows) {
     let (d, heads) = (usize::from(config.width), usize::from(config.heads));
     let all = |layer: &Layer, x: &Rows| x.iter().map(|x| linear(layer, x)).collect::<Rows>();
     sublayer(config, &b.norm1, x, |h| {
         let qkv = all(&b.qkv, h);
-        all(&b.out, &attention(heads, &columns(&qkv, 0, d), &columns(&qkv, d, d), &columns(&qkv, 2 * d, d)))
+        let (mut keys, mut values) = (columns(&qkv, d, d), columns(&qkv, 2 * d, d));
+        if let Some((more_keys, more_values)) = extra {
+            keys.extend(more_keys.iter().cloned());
+            values.extend(more_values.iter().cloned());
+        }
+        all(&b.out, &attention(heads, &columns(&qkv, 0, d), &keys, &values))
     });
     if let Some((norm, query, keys_values, out)) = &b.cross {
         sublayer(config, norm, x, |h| {
@@ -126,7 +135,7 @@ pub fn encode(tiny: &Tiny, words: &[u16]) -> (Rows, Vec<f64>) {
     };
     let mut x: Rows = words.iter().enumerate().map(add).collect();
     for b in blocks {
-        block(config, b, &mut x, &Vec::new());
+        block(config, b, &mut x, None, &Vec::new());
     }
     let memory: Rows = x.iter().map(|x| normed(norm, f64::from(config.epsilon), x)).collect();
     let pooled = (0..memory[0].len()).map(|c| memory.iter().map(|row| row[c]).sum::<f64>() / words.len() as f64);
@@ -167,6 +176,54 @@ pub struct Scene {
     pub start_open: bool,
     /// The motion goes on behind its end.
     pub end_open: bool,
+    /// What conditions it, in order of frames and without duplicates; of account when the model has anchor control.
+    pub anchors: Vec<Anchor>,
+}
+
+/// What anchors tell the planner: a row for each of its own, and keys and values for each of its blocks.
+struct Told {
+    shares: Rows,
+    blocks: Vec<(Rows, Rows)>,
+}
+
+/// The scaffold of anchors, and what follows from it.
+fn told(tiny: &Tiny, anchors: &[Anchor], tokens: usize) -> Option<Told> {
+    let prior = tiny.shape.prior.as_ref()?;
+    let (config, control) = (prior.control.as_ref()?, tiny.control.as_ref()?);
+    let each = 1 << tiny.shape.stages;
+    let seen: Vec<Anchor> =
+        anchors.iter().filter(|a| a.target.family().bit() & config.families != 0).copied().collect();
+    if seen.is_empty() {
+        return None;
+    }
+    let c = naive_scaffold::features(&seen, tokens * each, 20.0, &control.mean, &control.std);
+    let frames: Rows = c.iter().map(|c| linear(&control.frame, c).into_iter().map(|v| v.max(0.0)).collect()).collect();
+    let row = |(l, frames): (usize, &[Vec<f64>])| -> Vec<f64> {
+        let merged = linear(&control.merge, &frames.concat());
+        merged.iter().zip(&control.position[l]).map(|(a, b)| a + b).collect()
+    };
+    let mut x: Rows = frames.chunks(each).enumerate().map(row).collect();
+    for b in &control.blocks {
+        block(&config.scaffold, b, &mut x, None, &Vec::new());
+    }
+    let h: Rows = x.iter().map(|x| normed(&control.norm, f64::from(config.scaffold.epsilon), x)).collect();
+    let d = usize::from(prior.planner.width);
+    let blocks = control.anchors.iter().map(|(down, kv)| {
+        let rows: Rows = h.iter().map(|h| linear(kv, &linear(down, h))).collect();
+        (columns(&rows, 0, d), columns(&rows, d, d))
+    });
+    let shares = match &control.context {
+        None => vec![vec![0.0; d]; 1 + tokens],
+        Some((enter, leave, local)) => {
+            let mean: Vec<f64> =
+                (0..h[0].len()).map(|k| h.iter().map(|h| h[k]).sum::<f64>() / h.len() as f64).collect();
+            let hidden: Vec<f64> = linear(enter, &mean).into_iter().map(|v| activated(Activation::Gelu, v)).collect();
+            let mut shares = vec![linear(leave, &hidden)];
+            shares.extend(h.iter().map(|h| linear(local, h)));
+            shares
+        }
+    };
+    Some(Told { shares, blocks: blocks.collect() })
 }
 
 /// Logits `[L][V]` of one pass.
@@ -190,8 +247,12 @@ pub fn logits(tiny: &Tiny, scene: &Scene, memory: &Rows, pooled: &[f64]) -> Rows
         let fixed = if scene.fixed.contains(&i) { &fixed[0] } else { &nothing };
         x.push(sum(&[token, &position[i], end, fixed]));
     }
-    for b in &prior.blocks {
-        block(config, b, &mut x, memory);
+    let told = told(tiny, &scene.anchors, scene.tokens.len());
+    if let Some(told) = &told {
+        x.iter_mut().zip(&told.shares).for_each(|(x, s)| x.iter_mut().zip(s).for_each(|(x, s)| *x += s));
+    }
+    for (i, b) in prior.blocks.iter().enumerate() {
+        block(config, b, &mut x, told.as_ref().map(|told| &told.blocks[i]), memory);
     }
     let hidden = x[1..].iter().map(|x| normed(&prior.norm, f64::from(config.epsilon), x));
     hidden.map(|h| linear(&prior.token, &h)).collect()

@@ -1,8 +1,8 @@
 //! Small random models, written byte by byte from `runtime/src/blob/FORMAT.md`, independently of the converter.
 
 use motionette::blob::{
-    Activation, Card, DType, DecoderConfig, Header, MAJOR, MINOR, Manifest, Norm, PlannerConfig, Representation,
-    Sampler, SelfTest, TensorEntry, TextConfig, TransformerConfig,
+    Activation, Card, ControlConfig, DType, DecoderConfig, Header, MAJOR, MINOR, Manifest, Norm, PlannerConfig,
+    Representation, Sampler, SelfTest, TensorEntry, TextConfig, TransformerConfig,
 };
 use motionette::hash::Stream;
 
@@ -44,6 +44,8 @@ pub struct PriorShape {
     pub planner: TransformerConfig,
     /// Whether the blob has a planner at all.
     pub planned: bool,
+    /// Anchor control; needs a planner.
+    pub control: Option<ControlConfig>,
     /// Constants of the sampler.
     pub c: f32,
     /// Constants of the sampler.
@@ -68,6 +70,7 @@ impl Default for PriorShape {
             text,
             planner: TransformerConfig { width: 8, heads: 2, layers: 2, hidden: 14, ..text },
             planned: true,
+            control: None,
             c: 3.0,
             a: 0.9,
         }
@@ -95,6 +98,17 @@ impl Shape {
     #[must_use]
     pub fn with_prior() -> Self {
         Shape { max_tokens: 13, prior: Some(PriorShape::default()), ..Shape::default() }
+    }
+}
+
+impl PriorShape {
+    /// The default with anchor control of all families.
+    #[must_use]
+    pub fn with_control() -> Self {
+        let prior = PriorShape::default();
+        let scaffold = TransformerConfig { width: 6, heads: 2, layers: 2, hidden: 9, ..prior.planner };
+        let control = ControlConfig { scaffold, frame_width: 5, rank: 3, context: true, families: 7 };
+        PriorShape { control: Some(control), ..prior }
     }
 }
 
@@ -164,6 +178,29 @@ pub struct Prior {
     pub token: Layer,
 }
 
+/// Anchor control with its weights as real numbers.
+#[derive(Debug, Clone)]
+pub struct Control {
+    /// Mean of the values, `[66]`.
+    pub mean: Vec<f64>,
+    /// Their deviation, `[66]`.
+    pub std: Vec<f64>,
+    /// Features of a frame to its width.
+    pub frame: Layer,
+    /// A token's frames to a row.
+    pub merge: Layer,
+    /// Position embeddings.
+    pub position: Table,
+    /// Blocks.
+    pub blocks: Vec<Block>,
+    /// Last norm.
+    pub norm: NormWeights,
+    /// For each block of the planner: to the rank, and from there to keys and values.
+    pub anchors: Vec<(Layer, Layer)>,
+    /// Two layers of the mean row, one of each row.
+    pub context: Option<(Layer, Layer, Layer)>,
+}
+
 /// A blob and what is in it.
 #[derive(Debug, Clone)]
 pub struct Tiny {
@@ -179,6 +216,8 @@ pub struct Tiny {
     pub std: Vec<f64>,
     /// Planner and what it reads.
     pub prior: Option<Prior>,
+    /// Anchor control.
+    pub control: Option<Control>,
     words: Vec<u128>,
     len: usize,
 }
@@ -345,6 +384,34 @@ impl Writer {
     }
 }
 
+impl Writer {
+    /// The tensors behind the planner's.
+    fn control(&mut self, shape: &Shape, planner: &TransformerConfig, config: &ControlConfig) -> Control {
+        let ControlConfig { scaffold, frame_width, rank, context, .. } = *config;
+        let (ds, d) = (scaffold.width, planner.width);
+        // Metres: what anchors say varies by decimetres.
+        let mean: Vec<f32> = (0..66).map(|_| 0.5 * self.signed()).collect();
+        let std: Vec<f32> = (0..66).map(|_| 0.2 + 0.5 * self.random.unit()).collect();
+        self.singles("control.mean", &mean);
+        self.singles("control.std", &std);
+        let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect();
+        Control {
+            mean: wide(&mean),
+            std: wide(&std),
+            frame: self.linear("frame", frame_width, 244),
+            merge: self.linear("merge", ds, frame_width << shape.stages),
+            position: self.table("position", shape.max_tokens, ds),
+            blocks: (0..scaffold.layers).map(|_| self.block(&scaffold, None)).collect(),
+            norm: self.norm("n", ds),
+            anchors: (0..planner.layers)
+                .map(|_| (self.linear("down", rank, ds), self.linear("kv", 2 * d, rank)))
+                .collect(),
+            context: context
+                .then(|| (self.linear("in", ds, ds), self.linear("out", d, ds), self.linear("local", d, ds))),
+        }
+    }
+}
+
 impl Tiny {
     /// A model with random weights.
     ///
@@ -383,6 +450,8 @@ impl Tiny {
         layers.push(writer.layer("decoder.output", 3, 1, FEATURES, width, shape.wide));
 
         let prior = shape.prior.as_ref().map(|prior| writer.prior(&shape, prior));
+        let config = shape.prior.as_ref().and_then(|prior| Some((prior.planner, prior.control?)));
+        let control = config.map(|(planner, control)| writer.control(&shape, &planner, &control));
         let (mut vocabulary, mut bank) = (String::new(), String::new());
         if let Some(prior) = &shape.prior {
             vocabulary = prior.words.join("\n");
@@ -415,6 +484,7 @@ impl Tiny {
             },
             text,
             planner,
+            control: config.map(|(_, control)| control),
             self_test: SelfTest { seed: 0, tokens: 0, hash: 0 },
             tensor_count: writer.entries.len() as u16,
         };
@@ -426,7 +496,7 @@ impl Tiny {
             *word = u128::from_le_bytes(whole);
         }
         let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect();
-        Tiny { layers, codes, mean: wide(&mean), std: wide(&std), prior, len: blob.len(), words, shape }
+        Tiny { layers, codes, mean: wide(&mean), std: wide(&std), prior, control, len: blob.len(), words, shape }
     }
 
     /// The blob, aligned as a reader needs it.

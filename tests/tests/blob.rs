@@ -62,8 +62,8 @@ fn errors_name_what_was_found() {
     assert_eq!(blob.open(), Err(Error::NotABlob { found: *b"XNTB" }));
     blob.bytes()[0] = b'M';
     blob.bytes()[4] = 9;
-    assert_eq!(blob.open(), Err(Error::Version { found: 9, supported: 2 }));
-    blob.bytes()[4] = 2;
+    assert_eq!(blob.open(), Err(Error::Version { found: 9, supported: 3 }));
+    blob.bytes()[4] = 3;
     blob.bytes()[40] ^= 1;
     assert!(matches!(blob.open(), Err(Error::Checksum { .. })));
     blob.bytes()[40] ^= 1;

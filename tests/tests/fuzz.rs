@@ -5,7 +5,7 @@ use std::path::Path;
 use motionette::{Generator, Model, Request};
 use motionette_tests::fuzz::{self, MAX_BLOB};
 
-/// Blobs of format version 2 as they were written when it was fixed: today's reader must still open them.
+/// Blobs of format version 3 as they were written when it was fixed: today's reader must still open them.
 #[test]
 fn committed_blobs_still_open_and_move() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
@@ -44,7 +44,7 @@ fn cases_reach_both_outcomes_of_every_reader() {
         tally.files_refused,
         tally.files_read,
     ];
-    assert!(counts.iter().all(|&count| count > 10), "{tally:?}");
+    assert!(counts.iter().all(|&count| count > 10) && tally.conditioned > 3, "{tally:?}");
     assert_eq!(fuzz::run(2, 0, 600, |_| {}).ok(), Some(tally), "the same seed gives the same cases");
 }
 

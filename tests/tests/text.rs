@@ -2,6 +2,7 @@
 
 use motionette::blob::{Error as BlobError, TransformerConfig};
 use motionette::hash::Stream;
+use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::PromptError;
 use motionette::perception::text::MAX_PROMPT;
 use motionette::planning::sampling::SamplingError;
@@ -147,9 +148,11 @@ fn every_option_does_what_its_name_says() {
 /// The whole sampler restated: the stream as it is documented, transitions in f64, logits from a session.
 #[test]
 fn the_stream_and_the_steps_are_those_that_are_documented() {
-    let tiny = tiny();
+    // Reading anchors borrows the room of the logits: that leaves nothing behind.
+    let tiny = Tiny::new(Shape { prior: Some(PriorShape::with_control()), ..Shape::with_prior() }, 31);
     let model = Model::open(tiny.bytes()).unwrap();
     let width = usize::from(tiny.shape.code_width);
+    let all = [Anchor::root(10, [0.2, 0.9, 0.3]), Anchor::joint(20, 20, [0.2, 1.2, 0.3])];
     let fixed = [Fixed { position: 2, token: 7 }, Fixed { position: 4, token: 0 }];
     let mut equal = 0;
     for seed in 0..30u64 {
@@ -158,15 +161,17 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
             1 => Sampling::Sample { temperature: 1.5, top_k: 0, top_p: 1.0 },
             _ => Sampling::Gumbel { temperature: 0.8 },
         };
-        let request = base().seed(seed).sampling(sampling).fixed(&fixed).steps(5);
+        let anchors = if seed % 2 == 0 { all.as_slice() } else { &[] };
+        let request = Request { anchors, ..base().seed(seed).sampling(sampling).fixed(&fixed).steps(5) };
         let got = with(&tiny, |generator| trace(generator, &request));
 
-        let limits = Limits { words: 6, steps: 5, guided: true };
+        let limits = Limits { words: 6, steps: 5, guided: true, anchors: true };
         let modules = model.planning().unwrap();
         let mut words = vec![0u128; modules.bytes(6, &limits) / 16];
         let mut arena = motionette::arena::Arena::new(bytemuck::cast_slice_mut(&mut words));
         let mut session = Session::new(modules, &mut arena, 6, &limits).unwrap();
         let _ = session.read(&Prompt::Text("a person waves the left hand"), &mut || Ok(())).unwrap();
+        session.anchor(&AnchorSet::new(anchors, 24).unwrap(), 6, &mut || Ok(())).unwrap();
         let mut stream = Stream::new(seed);
         let given = |i: usize| fixed.iter().find(|f| usize::from(f.position) == i).map(|f| f.token);
         let mut z: Vec<u16> = (0..6)
@@ -578,7 +583,7 @@ fn planned_work_is_that_of_the_layers() {
     let pass = |n: u64| layers * (1 + l) * (4 * d * d + 2 * (1 + l) * d + 2 * d * d + 2 * n * d + 2 * d * h);
     let steps = 4;
     let want = read(n) + read(1) + dt * 13 + steps * (pass(n) + pass(1) + l * (d * v + v * du));
-    let limits = Limits { words: 5, steps: 4, guided: true };
+    let limits = Limits { words: 5, steps: 4, guided: true, anchors: false };
     assert_eq!(modules.macs(6, &limits), want);
     let alone = read(n) + dt * 13 + steps * (pass(n) + l * (d * v + v * du));
     assert_eq!(modules.macs(6, &Limits { guided: false, ..limits }), alone);

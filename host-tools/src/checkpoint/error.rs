@@ -150,14 +150,36 @@ pub enum ErrorKind {
         /// Value understood.
         expected: &'static str,
     },
-    /// A prior was trained on the tokens of another tokenizer.
+    /// A standard deviation that cannot be a scale.
     #[error(
-        "the prior was trained on the tokens of another tokenizer: its codebook's SHA-256 is {expected}, this one's is {actual}; give the tokenizer it was trained with"
+        "tensor `{tensor}` holds {value} at element {index}, expected positive numbers; the statistics are damaged"
+    )]
+    Std {
+        /// Its full name.
+        tensor: String,
+        /// Flat index.
+        index: usize,
+        /// The value.
+        value: f32,
+    },
+    /// A prior or a control was trained on the tokens of another tokenizer.
+    #[error(
+        "trained on the tokens of another tokenizer: that one's codebook has the SHA-256 {expected}, this one's has {actual}; give the tokenizer it was trained with"
     )]
     OtherTokenizer {
-        /// Hash that the prior names.
+        /// Hash that the checkpoint names.
         expected: String,
         /// Hash of the tokenizer given.
+        actual: String,
+    },
+    /// A control was trained on another prior.
+    #[error(
+        "the control was trained on another prior: that one's weights have the SHA-256 {expected}, this one's have {actual}; give the prior it was trained with"
+    )]
+    OtherPrior {
+        /// Hash that the control names.
+        expected: String,
+        /// Hash of the prior given.
         actual: String,
     },
 }

@@ -1,13 +1,14 @@
-//! Checkpoints: tokenizers (MoMask's RVQ-VAE, T2M-GPT's VQ-VAE and our own), and our priors, from safetensors files or torch
-//! containers.
+//! Checkpoints: tokenizers (MoMask's RVQ-VAE, T2M-GPT's VQ-VAE and our own), our priors and their anchor control, from safetensors
+//! files or torch containers.
 //!
-//! Two types come out, [`TokenizerCheckpoint`] and [`PriorCheckpoint`], with every tensor checked. Nothing in a file is executed, every length is
+//! Three types come out, [`TokenizerCheckpoint`], [`PriorCheckpoint`] and [`ControlCheckpoint`], with every tensor checked. Nothing in a file is executed, every length is
 //! checked before it is used, and errors name the tensor or option, what was expected and what was found.
 //!
 //! The layers, from bytes up: [`zip`] and [`pickle`] (torch containers), [`torch`] and [`safetensors`] (named tensors),
-//! [`options`] and [`config`] (sizes), [`tokenizer`] and [`prior`] (the checked networks).
+//! [`options`] and [`config`] (sizes), [`tokenizer`], [`prior`] and [`control`] (the checked networks).
 
 pub mod config;
+pub mod control;
 pub mod error;
 pub mod options;
 pub mod pickle;
@@ -22,6 +23,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub use config::{Config, Source};
+pub use control::{ControlCheckpoint, ControlConfig};
 pub use error::{Error, ErrorKind};
 pub use prior::{PriorCheckpoint, PriorConfig};
 pub use tensors::{Tensor, TensorMap};
@@ -96,6 +98,15 @@ fn expect_entry(key: &'static str, actual: Option<&String>, expected: &'static s
         Some(a) if a == expected => Ok(()),
         other => Err(ErrorKind::Version { key, actual: other.map_or("nothing", String::as_str).to_owned(), expected }),
     }
+}
+
+/// Tensors and the text of `config` of a file that must be of a format and version of ours.
+fn of_format(bytes: &[u8], format: &'static str, version: &'static str) -> Result<(TensorMap, String)> {
+    let (map, mut metadata) = tensors_of(bytes)?;
+    expect_entry("format", metadata.get("format"), format)?;
+    expect_entry("version", metadata.get("version"), version)?;
+    let config = metadata.remove("config").ok_or_else(|| ErrorKind::MissingOption { key: "config".into() })?;
+    Ok((map, config))
 }
 
 fn configuration(

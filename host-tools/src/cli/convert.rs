@@ -8,8 +8,7 @@ use serde_json::{Value, json};
 
 use super::model::{CheckpointFiles, grouped};
 use super::{bar, say};
-use crate::checkpoint::PriorCheckpoint;
-use crate::checkpoint::prior;
+use crate::checkpoint::{PriorCheckpoint, control, prior};
 use crate::convert::{self, CardText, Options, PriorSource, Rounding, bank, calibration};
 use crate::dataset::Dataset;
 use crate::output::write_atomic;
@@ -20,7 +19,8 @@ use crate::output::write_atomic;
 /// t2mgpt_args.json). With a dataset, rounding is calibrated on its train split; without, on random tokens.
 ///
 /// With a prior the blob makes motions from text. Prompts of a bank file (a prompt a line: name, tab, text) are encoded here and stored
-/// under their names; with --no-text-encoder these are all that the blob can be asked for.
+/// under their names; with --no-text-encoder these are all that the blob can be asked for. With the prior's control anchors do not only
+/// bend what was planned, the planner sees them.
 ///
 /// Example: motionette convert nano.safetensors --prior nano.prior.safetensors --calibration data/pack.mds -o nano.blob
 #[derive(Debug, Args)]
@@ -38,6 +38,9 @@ pub(super) struct Cmd {
     /// Prior of the tokenizer's tokens: text encoder and planner.
     #[arg(long, value_name = "FILE")]
     prior: Option<PathBuf>,
+    /// Anchor control of the prior.
+    #[arg(long, value_name = "FILE", requires = "prior")]
+    control: Option<PathBuf>,
     /// Prompts to store in the blob, a prompt a line: name, tab, text.
     #[arg(long, value_name = "FILE", requires = "prior")]
     bank: Option<PathBuf>,
@@ -82,12 +85,20 @@ impl Cmd {
         if let Some(prior) = &prior {
             prior.check_tokenizer(&checkpoint).context("matching prior and tokenizer")?;
         }
+        let control = self.control.as_deref().map(control::load).transpose().context("reading the control")?;
+        if let (Some(control), Some(prior)) = (&control, &prior) {
+            control.check_prior(prior, &checkpoint).context("matching control and prior")?;
+        }
         let bank = match (&prior, &self.bank) {
             (Some(prior), Some(path)) => stored_prompts(prior, path, self.no_text_encoder)?,
             _ => Vec::new(),
         };
-        let source =
-            prior.as_ref().map(|p| PriorSource { checkpoint: p, bank: &bank, text_encoder: !self.no_text_encoder });
+        let source = prior.as_ref().map(|p| PriorSource {
+            checkpoint: p,
+            bank: &bank,
+            text_encoder: !self.no_text_encoder,
+            control: control.as_ref(),
+        });
         let rounding = match self.rounding {
             Way::Nearest => Rounding::Nearest,
             Way::Clipped => Rounding::Clipped,
@@ -109,10 +120,10 @@ impl Cmd {
         };
         let stem = || self.checkpoint.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let preset = Some(checkpoint.config.preset.clone()).filter(|p| !p.is_empty());
-        // "tokenizer" or "tokenizer+prior": `verify` looks for either.
+        // "tokenizer", "tokenizer+prior" or "tokenizer+prior+control": `verify` looks for any of them.
         let mut hash = crate::checkpoint::file_hash(&self.checkpoint).context("hashing the checkpoint")?;
-        if let Some(path) = &self.prior {
-            hash = format!("{hash}+{}", crate::checkpoint::file_hash(path).context("hashing the prior")?);
+        for path in self.prior.iter().chain(&self.control) {
+            hash = format!("{hash}+{}", crate::checkpoint::file_hash(path).context("hashing a checkpoint")?);
         }
         let card = CardText {
             name: self.name.or(preset).unwrap_or_else(stem),
@@ -135,6 +146,7 @@ impl Cmd {
             "layers": conversion.layers.len(),
             "words": prior.as_ref().filter(|_| !self.no_text_encoder).map(|p| p.config.vocabulary.len()),
             "bank": bank.iter().map(|e| &e.name).collect::<Vec<_>>(),
+            "control": control.as_ref().map(|c| &c.config.families),
             "calibration_sequences": latents.len(),
             "name": card.name,
             "checkpoint": card.checkpoint,

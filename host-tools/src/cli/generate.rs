@@ -17,6 +17,7 @@ use crate::blob_file::BlobFile;
 use crate::export::bvh;
 use crate::metrics;
 use crate::output::write_atomic;
+use crate::reference::anchors::Family;
 
 /// Makes a motion from text with the runtime that devices run, bit for bit.
 ///
@@ -63,6 +64,9 @@ pub(super) struct Cmd {
     /// Where it must pass (docs/anchors.md).
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
+    /// Plan as if there were no anchors and only bend the motion onto them.
+    #[arg(long, requires = "anchors")]
+    unconditioned: bool,
     /// The motion to write, BVH.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -123,6 +127,10 @@ impl Cmd {
             motion.tokens().len(),
             self.output.display()
         ));
+        let unconditioned = self.unconditioned(&blob, motion.unconditioned_anchors())?;
+        if let Some((count, why)) = &unconditioned {
+            say(&format!("note: the planner did not see {count} of the anchors: {why}"));
+        }
         let report = motion.refinement;
         let control = metrics::control_error(joints, &anchors);
         if let (Some(error), Some(before)) = (control, report.and_then(|r| r.before)) {
@@ -151,6 +159,8 @@ impl Cmd {
             "macs": plan.macs,
             "arena_bytes": motion.arena_used,
             "anchors": anchors.len(),
+            "unconditioned_anchors": unconditioned.as_ref().map_or(0, |(count, _)| *count),
+            "unconditioned_because": unconditioned.map(|(_, why)| why),
             "control_error_m": control,
             "hash": format!("{:016x}", motion.hash()),
         }))
@@ -187,7 +197,25 @@ impl Cmd {
             (text, _) => Prompt::Text(text.as_deref().unwrap_or_default()),
         };
         let request = Request::prompt(prompt).planned(planning);
+        let request = if self.unconditioned { request.unconditioned() } else { request };
         if anchors.is_empty() { request } else { request.through(anchors) }
+    }
+
+    /// How many anchors the planner did not see, and why; `None` when it saw all of them.
+    fn unconditioned(&self, blob: &BlobFile, count: u16) -> Result<Option<(u16, String)>> {
+        if count == 0 {
+            return Ok(None);
+        }
+        let why = match blob.parts()?.1.control {
+            _ if self.unconditioned => "--unconditioned".to_owned(),
+            None => "the blob has no anchor control; convert it with --control".to_owned(),
+            Some(control) => {
+                let unseen = Family::ALL.iter().filter(|family| control.families & family.bit() == 0);
+                let names: Vec<String> = unseen.map(ToString::to_string).collect();
+                format!("it was not trained with anchors of {}", names.join(" and "))
+            }
+        };
+        Ok(Some((count, why)))
     }
 
     /// A refusal with what could be asked for instead.

@@ -9,8 +9,8 @@ use serde_json::Value;
 use super::model::{CheckpointFiles, grouped};
 use super::say;
 use crate::blob_file::BlobFile;
-use crate::checkpoint::prior;
-use crate::inspect::{self, Inspection, LayerInfo, PriorInfo};
+use crate::checkpoint::{control, prior};
+use crate::inspect::{self, ControlInfo, Inspection, LayerInfo, PriorInfo};
 
 /// Shows every tensor of a blob, its size and range, the work of every layer, and what quantisation cost it.
 ///
@@ -27,6 +27,9 @@ pub(super) struct Cmd {
     /// The prior it came from: adds the quantisation error of text encoder and planner.
     #[arg(long, value_name = "FILE")]
     prior: Option<PathBuf>,
+    /// The control it came from: adds the quantisation error of the anchor control.
+    #[arg(long, value_name = "FILE")]
+    control: Option<PathBuf>,
     /// List the words of the vocabulary.
     #[arg(long)]
     vocabulary: bool,
@@ -43,7 +46,11 @@ impl Cmd {
         if let Some(prior) = &prior {
             crate::verify::check_same_prior(&blob, prior)?;
         }
-        let inspection = inspect::inspect(&blob, checkpoint.as_ref(), prior.as_ref())?;
+        let control = self.control.as_deref().map(control::load).transpose().context("reading the control")?;
+        if let Some(control) = &control {
+            crate::verify::check_same_control(&blob, control)?;
+        }
+        let inspection = inspect::inspect(&blob, checkpoint.as_ref(), prior.as_ref(), control.as_ref())?;
         show(&inspection);
         if self.vocabulary {
             let words = inspection.prior.as_ref().map_or(&[][..], |p| &p.vocabulary);
@@ -58,6 +65,9 @@ fn show(i: &Inspection) {
     say(&format!("  decoder     {}", i.decoder));
     if let Some(p) = &i.prior {
         show_prior(p);
+    }
+    if let Some(c) = &i.control {
+        show_control(c);
     }
     say(&format!("  motion      {} frames/s, at most {} tokens", i.frame_rate, i.max_tokens));
     say(&format!("  licence     {}", i.licence));
@@ -81,6 +91,17 @@ fn show(i: &Inspection) {
         let work = |part: &str| prior.layers.iter().filter(|l| l.name.starts_with(part)).map(|l| l.macs).sum();
         say(&format!("{} MAC a text, {} MAC a planner pass", grouped(work("text.")), grouped(work("planner."))));
     }
+    if let Some(control) = &i.control {
+        layers(&control.layers);
+        say(&format!("{} MAC the anchors of a request", grouped(control.layers.iter().map(|l| l.macs).sum())));
+    }
+}
+
+fn show_control(c: &ControlInfo) {
+    let context = if c.context { "dual context" } else { "no dual context" };
+    let families: Vec<String> = c.families.iter().map(|f| f.to_string()).collect();
+    say(&format!("  anchors     {}; frames of {}, rank {}, {context}", c.scaffold, c.frame_width, c.rank));
+    say(&format!("  families    {}", families.join(", ")));
 }
 
 fn show_prior(p: &PriorInfo) {

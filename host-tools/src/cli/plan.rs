@@ -27,6 +27,9 @@ pub(super) struct Cmd {
     /// Anchors of the largest request; 0 plans for no refinement.
     #[arg(long, default_value_t = 4)]
     anchors: usize,
+    /// Plan for anchors that the planner does not see, though the model could show it them.
+    #[arg(long)]
+    unconditioned: bool,
     /// Words of the longest prompt; else as many as the model takes. 0 plans for requests that bring their tokens.
     #[arg(long)]
     words: Option<usize>,
@@ -57,7 +60,7 @@ impl Cmd {
         let guided = self.guidance != 1.0;
         let planning = match self.words.unwrap_or(usize::MAX) {
             0 => None,
-            words => Some(Limits { words, steps: self.steps, guided }),
+            words => Some(Limits { words, steps: self.steps, guided, anchors: !self.unconditioned }),
         };
         let report = plan::plan(&blob, self.tokens, self.anchors, refinement, planning)?;
         say(&format!(
@@ -66,8 +69,9 @@ impl Cmd {
         ));
         if let Some(p) = &report.planning {
             let guidance = if p.guided { "on" } else { "off" };
+            let conditioned = if p.conditioned { ", conditioned on anchors" } else { "" };
             say(&format!(
-                "planning: {} words, {} steps, guidance {guidance}: {} bytes, {} MAC",
+                "planning: {} words, {} steps, guidance {guidance}{conditioned}: {} bytes, {} MAC",
                 p.words,
                 p.steps,
                 grouped(p.bytes as u64),

@@ -10,16 +10,17 @@ use super::model::CheckpointFiles;
 use super::{bar, say};
 use crate::agreement::ClipAgreement;
 use crate::blob_file::BlobFile;
-use crate::checkpoint::prior;
+use crate::checkpoint::{control, prior};
 use crate::dataset::{Dataset, Split};
 use crate::reference::Prior;
-use crate::verify::{self, Verification};
+use crate::verify::{self, Verification, planner};
 
 /// Clips named as the worst.
 const WORST: usize = 5;
 
 /// Decodes the same embeddings with runtime and reference and says how far apart they are, by layer and by clip; with a prior, gives both
-/// planners the same corrupted tokens and captions and says how often they find the same token most probable.
+/// planners the same corrupted tokens and captions and says how often they find the same token most probable; with a control the same
+/// once more, with anchors on the clips' own motion.
 ///
 /// Exits with status 1 when a budget is missed.
 ///
@@ -45,6 +46,9 @@ pub(super) struct Cmd {
     /// The prior it came from: adds the agreement of the planners.
     #[arg(long, value_name = "FILE")]
     prior: Option<PathBuf>,
+    /// The control it came from: adds the agreement of the planners with anchors.
+    #[arg(long, value_name = "FILE", requires = "prior")]
+    control: Option<PathBuf>,
     /// Clips with captions on which the planners are compared, at most.
     #[arg(long, default_value_t = 60, value_name = "CLIPS")]
     planner: usize,
@@ -79,6 +83,14 @@ impl Cmd {
                 say("note: the blob was converted from another prior file than this one (their SHA-256 differ)");
             }
         }
+        let control = self.control.as_deref().map(control::load).transpose().context("reading the control")?;
+        if let (Some(control), Some(prior), Some(path)) = (&control, &prior, &self.control) {
+            control.check_prior(prior, &checkpoint).context("matching control and prior")?;
+            verify::check_same_control(&blob, control)?;
+            if !verify::names_checkpoint(&blob, &crate::checkpoint::file_hash(path)?)? {
+                say("note: the blob was converted from another control file than this one (their SHA-256 differ)");
+            }
+        }
         let max_tokens = blob.model()?.max_tokens();
         let dataset = Dataset::load(&self.dataset)?;
         let sequences = verify::sequences(&checkpoint, &dataset, self.split, self.clips, max_tokens)?;
@@ -87,10 +99,16 @@ impl Cmd {
         progress.finish_and_clear();
         if let Some(prior) = &prior {
             let reference = Prior::<f32>::new(prior, &checkpoint);
-            let cases = verify::planner::cases(&checkpoint, &reference, &dataset, self.split, self.planner)?;
-            let progress = bar(3 * cases.len() as u64, "planner runs");
-            result.planner = Some(verify::planner::verify(&blob, &checkpoint, prior, &cases, || progress.inc(1))?);
-            progress.finish_and_clear();
+            let compare = |control| -> Result<planner::Report> {
+                let anchored = Option::is_some(&control);
+                let cases = planner::cases(&checkpoint, &reference, &dataset, self.split, self.planner, anchored)?;
+                let progress = bar(3 * cases.len() as u64, "planner runs");
+                let report = planner::verify(&blob, &checkpoint, prior, control, &cases, || progress.inc(1))?;
+                progress.finish_and_clear();
+                Ok(report)
+            };
+            result.planner = Some(compare(None)?);
+            result.control = control.as_ref().map(|control| compare(Some(control))).transpose()?;
         }
         show(&result);
         let mut report = serde_json::to_value(&result)?;
@@ -104,9 +122,10 @@ impl Cmd {
         let missed = result.budgets.iter().filter(|b| !b.met);
         let mut missed: Vec<String> =
             missed.map(|b| format!("{}: {:.2} mm, allowed {} mm", b.name, b.value_mm, b.limit_mm)).collect();
-        if let Some(planner) = result.planner.as_ref().filter(|p| !p.met) {
+        for (report, with) in [(&result.planner, ""), (&result.control, " with anchors")] {
+            let Some(planner) = report.as_ref().filter(|p| !p.met) else { continue };
             let (found, least) = (100.0 * planner.runtime.top1, 100.0 * planner.budget);
-            missed.push(format!("agreement of the planners: {found:.2} %, at least {least} % are wanted"));
+            missed.push(format!("agreement of the planners{with}: {found:.2} %, at least {least} % are wanted"));
         }
         Err(BudgetMissed { missed, report }.into())
     }
@@ -132,26 +151,8 @@ fn show(v: &Verification) {
         "  {:<38}  {:>7.3}  {:>9.3}",
         "the runtime's arithmetic", v.layers.arithmetic_mean_mm, v.layers.arithmetic_drift_mm
     ));
-    if let Some(p) = &v.planner {
-        let verdict = if p.met { "ok" } else { "MISSED" };
-        let (top1, least) = (100.0 * p.runtime.top1, 100.0 * p.budget);
-        say(&format!(
-            "\nplanners on {} clips, {} positions: same most probable token",
-            p.runtime.clips, p.runtime.positions
-        ));
-        say(&format!("  {:<46}  {top1:>7.2} %   of {least:>4} %   {verdict}", "runtime against reference"));
-        for (t, w) in p.runtime.times.iter().zip(&p.weights.times) {
-            say(&format!(
-                "  t = {:.2}: {:.2} %, divergence {:.2e} nats; its weights alone {:.2} %, {:.2e}",
-                t.time,
-                100.0 * t.top1,
-                t.divergence,
-                100.0 * w.top1,
-                w.divergence
-            ));
-        }
-        say(&format!("  left to themselves they have {:.1} % of their tokens in common", 100.0 * p.free_running));
-    }
+    v.planner.iter().for_each(|p| planners("planners", p));
+    v.control.iter().for_each(|p| planners("planners with anchors", p));
     clips("worst clips", &a.worst(WORST));
     clips("worst drift", &a.worst_drift(WORST));
     if let Some(s) = &v.solvers {
@@ -167,6 +168,25 @@ fn show(v: &Verification) {
             s.difference_mm
         ));
     }
+}
+
+fn planners(what: &str, p: &planner::Report) {
+    let verdict = if p.met { "ok" } else { "MISSED" };
+    let (top1, least) = (100.0 * p.runtime.top1, 100.0 * p.budget);
+    let (clips, positions) = (p.runtime.clips, p.runtime.positions);
+    say(&format!("\n{what} on {clips} clips, {positions} positions: same most probable token"));
+    say(&format!("  {:<46}  {top1:>7.2} %   of {least:>4} %   {verdict}", "runtime against reference"));
+    for (t, w) in p.runtime.times.iter().zip(&p.weights.times) {
+        say(&format!(
+            "  t = {:.2}: {:.2} %, divergence {:.2e} nats; its weights alone {:.2} %, {:.2e}",
+            t.time,
+            100.0 * t.top1,
+            t.divergence,
+            100.0 * w.top1,
+            w.divergence
+        ));
+    }
+    say(&format!("  left to themselves they have {:.1} % of their tokens in common", 100.0 * p.free_running));
 }
 
 fn clips(title: &str, clips: &[&ClipAgreement]) {

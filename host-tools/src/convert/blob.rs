@@ -1,8 +1,9 @@
 //! Writes the blob: header, manifest, tensors (`runtime/src/blob/FORMAT.md`).
 
 use motionette::blob::{
-    ALIGNMENT, Activation, Card, DType, DecoderConfig, HEADER_LEN, Header, MAJOR, MAX_BLOCKS, MAX_STAGES, MINOR,
-    Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry, TextConfig, TransformerConfig,
+    ALIGNMENT, Activation, Card, ControlConfig, DType, DecoderConfig, HEADER_LEN, Header, MAJOR, MAX_BLOCKS,
+    MAX_STAGES, MINOR, Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry, TextConfig,
+    TransformerConfig,
 };
 use motionette::hash::Stream;
 use motionette::{Generator, Limits, Model, Plan, Request};
@@ -10,8 +11,8 @@ use motionette::{Generator, Limits, Model, Plan, Request};
 use super::conv1d::{QuantisedConv1d, split};
 use super::prior::{QuantisedPart, QuantisedPrior};
 use super::{CardText, Error, MAX_TOKENS, PriorSource};
-use crate::checkpoint::TokenizerCheckpoint;
 use crate::checkpoint::prior::{self, NormOrder};
+use crate::checkpoint::{ControlCheckpoint, TokenizerCheckpoint};
 
 /// Seed of the self-test's tokens.
 const SELF_TEST_SEED: u32 = 1;
@@ -63,6 +64,7 @@ struct Facts<'a> {
     decoder: DecoderConfig,
     text: Option<Text>,
     planner: Option<PlannerConfig>,
+    control: Option<ControlConfig>,
 }
 
 /// [`TextConfig`] with text of its own.
@@ -97,6 +99,7 @@ pub fn write(
         decoder: decoder_config(checkpoint)?,
         text: source.map(text_config).transpose()?,
         planner: source.map(planner_config).transpose()?,
+        control: source.and_then(|s| s.control).map(control_config).transpose()?,
     };
     let quantizers = checkpoint.config.quantizers;
     let tokens = (SELF_TEST_NUMBERS / quantizers).max(1).min(usize::from(facts.max_tokens));
@@ -149,6 +152,7 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
             bank: &t.bank,
         }),
         planner: facts.planner,
+        control: facts.control,
         self_test,
         tensor_count: narrow::<u16>(tensors.len(), "number of tensors")?,
     };
@@ -203,7 +207,7 @@ fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
     let c = &source.checkpoint.config;
     let names: Vec<&str> = source.bank.iter().map(|e| e.name.as_str()).collect();
     let (vocabulary, encoder) = if source.text_encoder {
-        (c.vocabulary.join("\n"), Some(transformer_config(c, c.text)?))
+        (c.vocabulary.join("\n"), Some(transformer_config(c.form(), c.text)?))
     } else {
         (String::new(), None)
     };
@@ -219,28 +223,39 @@ fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
 fn planner_config(source: &PriorSource<'_>) -> Result<PlannerConfig, Error> {
     let c = &source.checkpoint.config;
     let sampler = Sampler::Tmd { c: c.c as f32, a: c.a as f32 };
-    Ok(PlannerConfig { transformer: transformer_config(c, c.planner)?, sampler })
+    Ok(PlannerConfig { transformer: transformer_config(c.form(), c.planner)?, sampler })
 }
 
-fn transformer_config(c: &prior::PriorConfig, sizes: prior::Sizes) -> Result<TransformerConfig, Error> {
+fn control_config(control: &ControlCheckpoint) -> Result<ControlConfig, Error> {
+    let c = &control.config;
+    Ok(ControlConfig {
+        scaffold: transformer_config(c.form(), c.scaffold)?,
+        frame_width: narrow(c.frame_width, "width of a frame of the scaffold")?,
+        rank: narrow(c.rank, "rank of the anchors' keys and values")?,
+        context: c.context,
+        families: c.families.iter().fold(0, |bits, family| bits | family.bit()),
+    })
+}
+
+fn transformer_config(form: prior::Form, sizes: prior::Sizes) -> Result<TransformerConfig, Error> {
     Ok(TransformerConfig {
         width: narrow(sizes.width, "width of a transformer")?,
         heads: narrow(sizes.heads, "number of heads")?,
         layers: narrow(sizes.layers, "number of layers")?,
         hidden: narrow(sizes.hidden, "hidden width of a transformer")?,
-        norm: match c.norm {
+        norm: match form.norm {
             NormOrder::Pre => Norm::Pre,
             NormOrder::Post => Norm::Post,
         },
-        activation: match c.activation {
+        activation: match form.activation {
             prior::Activation::Gelu => Activation::Gelu,
             prior::Activation::Relu => Activation::Relu,
         },
-        epsilon: c.epsilon as f32,
+        epsilon: form.epsilon as f32,
     })
 }
 
-/// Text encoder or its length head alone, stored prompts, planner.
+/// Text encoder or its length head alone, stored prompts, planner, anchor control.
 fn push_prior(tensors: &mut Vec<Tensor>, source: &PriorSource<'_>, prior: &QuantisedPrior) -> Result<(), Error> {
     let length = prior.text.len().saturating_sub(1);
     for part in &prior.text[if source.text_encoder { 0 } else { length }..] {
@@ -262,7 +277,12 @@ fn push_prior(tensors: &mut Vec<Tensor>, source: &PriorSource<'_>, prior: &Quant
         let name = format!("bank.{}", tensors.iter().filter(|t| t.name.starts_with("bank.")).count());
         tensors.push(Tensor { name, dtype: DType::F16, shape, bytes });
     }
-    prior.planner.iter().try_for_each(|part| push_part(tensors, part))
+    prior.planner.iter().try_for_each(|part| push_part(tensors, part))?;
+    if let Some(control) = source.control {
+        tensors.push(singles("control.mean".into(), &control.statistics.mean)?);
+        tensors.push(singles("control.std".into(), &control.statistics.std)?);
+    }
+    prior.control.iter().try_for_each(|part| push_part(tensors, part))
 }
 
 fn push_part(tensors: &mut Vec<Tensor>, part: &QuantisedPart) -> Result<(), Error> {

@@ -53,7 +53,7 @@ pub enum Error {
         /// Shortest useful clip.
         least: usize,
     },
-    /// The prior does not belong to the tokenizer.
+    /// The prior does not belong to the tokenizer, or the control to the prior.
     #[error(transparent)]
     Prior(crate::checkpoint::ErrorKind),
     /// A stored prompt that half precision cannot hold.

@@ -12,7 +12,7 @@
 //! | [`rounding`] | one row of weights to integers |
 //! | [`conv1d`] | one layer |
 //! | [`decoder`] | all layers, each calibrated behind the quantised ones before it |
-//! | [`prior`] | text encoder and planner |
+//! | [`prior`] | text encoder, planner and anchor control |
 //! | [`bank`] | prompts encoded beforehand |
 //! | [`blob`] | bytes, self-test |
 
@@ -32,7 +32,7 @@ pub use conv1d::{Options, QuantisedConv1d};
 pub use error::Error;
 pub use rounding::Rounding;
 
-use crate::checkpoint::{PriorCheckpoint, TokenizerCheckpoint};
+use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
 use prior::QuantisedPrior;
 
 /// Longest motion of our models: 196 frames.
@@ -60,7 +60,7 @@ pub struct Conversion {
     pub blob: AlignedBlob,
     /// Its decoder in integers.
     pub layers: Vec<QuantisedConv1d>,
-    /// Its text encoder and planner in integers.
+    /// Its text encoder, planner and anchor control in integers.
     pub prior: Option<QuantisedPrior>,
 }
 
@@ -73,6 +73,8 @@ pub struct PriorSource<'a> {
     pub bank: &'a [bank::Entry],
     /// Whether the text encoder goes in; without it the bank must hold the unconditional prompt.
     pub text_encoder: bool,
+    /// The prior's anchor control, if it goes in.
+    pub control: Option<&'a ControlCheckpoint>,
 }
 
 /// Quantises `checkpoint` with `options`, calibrated on `latents`, and writes the blob.
@@ -91,10 +93,10 @@ pub fn convert(
     convert_with_prior(checkpoint, None, options, latents, card, progress)
 }
 
-/// The same with text encoder, stored prompts and planner.
+/// The same with text encoder, stored prompts, planner and anchor control.
 ///
 /// # Errors
-/// [`Error`]; [`Error::Prior`] for a prior of another tokenizer.
+/// [`Error`]; [`Error::Prior`] for a prior of another tokenizer, or a control of another prior.
 pub fn convert_with_prior(
     checkpoint: &TokenizerCheckpoint,
     prior: Option<PriorSource<'_>>,
@@ -105,9 +107,12 @@ pub fn convert_with_prior(
 ) -> Result<Conversion, Error> {
     if let Some(prior) = &prior {
         prior.checkpoint.check_tokenizer(checkpoint).map_err(Error::Prior)?;
+        if let Some(control) = prior.control {
+            control.check_prior(prior.checkpoint, checkpoint).map_err(Error::Prior)?;
+        }
     }
     let layers = decoder::quantise(&checkpoint.decoder, ROOT_ROWS, options, latents, progress);
-    let quantised = prior.as_ref().map(|p| prior::quantise(p.checkpoint));
+    let quantised = prior.as_ref().map(|p| prior::quantise(p.checkpoint, p.control));
     let blob = blob::write(checkpoint, &layers, prior.zip(quantised.as_ref()), card)?;
     Ok(Conversion { blob, layers, prior: quantised })
 }

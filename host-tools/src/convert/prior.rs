@@ -1,7 +1,7 @@
-//! The prior in integers: linears and tables int8 with one scale a row, norms as they are.
+//! The prior and its anchor control in integers: linears and tables int8 with one scale a row, norms as they are.
 
-use crate::checkpoint::PriorCheckpoint;
 use crate::checkpoint::prior::{Embedding, LayerNorm, Part, PartMut};
+use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint};
 
 use super::conv1d::{Options, QuantisedConv1d};
 
@@ -16,20 +16,26 @@ pub enum QuantisedPart {
     Norm(LayerNorm),
 }
 
-/// Text encoder and planner in integers.
+/// Text encoder, planner and anchor control in integers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QuantisedPrior {
     /// Parts of the text encoder, in the order of a blob; the last one is the length head.
     pub text: Vec<QuantisedPart>,
     /// Parts of the planner, in the order of a blob.
     pub planner: Vec<QuantisedPart>,
+    /// Parts of the anchor control, in the order of a blob; empty without one.
+    pub control: Vec<QuantisedPart>,
 }
 
 /// Rounds every linear and every table to nearest.
 #[must_use]
-pub fn quantise(checkpoint: &PriorCheckpoint) -> QuantisedPrior {
+pub fn quantise(checkpoint: &PriorCheckpoint, control: Option<&ControlCheckpoint>) -> QuantisedPrior {
     let all = |parts: Vec<Part<'_>>| parts.into_iter().map(part).collect();
-    QuantisedPrior { text: all(checkpoint.text_parts()), planner: all(checkpoint.planner_parts()) }
+    QuantisedPrior {
+        text: all(checkpoint.text_parts()),
+        planner: all(checkpoint.planner_parts()),
+        control: all(control.map(ControlCheckpoint::parts).unwrap_or_default()),
+    }
 }
 
 fn part(part: Part<'_>) -> QuantisedPart {

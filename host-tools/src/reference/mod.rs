@@ -21,11 +21,13 @@
 //! | [`text`] | a prompt to words to a memory and a length |
 //! | [`planner`] | noisy tokens and a text to logits |
 //! | [`scaffold`] | anchors to frame features |
+//! | [`control`] | frame features to what the planner sees of anchors |
 //! | [`tmd`] | corruption of tokens and sampling from proposals |
 //! | [`prior`] | a prior made ready: prompt to tokens |
 //! | [`tokenizer`] | a checkpoint made ready: motion to ids, ids to motion |
 
 pub mod anchors;
+pub mod control;
 pub mod conv1d;
 pub mod decoder;
 pub mod encoder;
@@ -48,6 +50,7 @@ pub mod tokenizer;
 pub mod transformer;
 
 pub use anchors::{Anchor, Target};
+pub use control::Control;
 pub use decoder::{Decoder, Trace};
 pub use encoder::Encoder;
 pub use prior::Prior;

@@ -1,20 +1,23 @@
 //! The planner: noisy tokens, a time and a text to logits over clean tokens.
 //!
 //! Rows are 1 + L: row 0 carries text, time and open ends, row 1 + i token i. Every layer attends over all of them and over the memory
-//! of the text.
+//! of the text. Anchors add rows that self-attention looks at ([`super::control`]).
 
+use super::control::AnchorContext;
 use super::real::Real;
 use super::text::Encoded;
-use super::transformer::{Block, Embedding, LayerNorm, Linear};
+use super::transformer::{Block, Embedding, LayerNorm, Linear, Segment, add};
 use crate::checkpoint::prior::{PriorCheckpoint, TIMES};
 
-/// A text as the layers see it: the same in every step.
+/// A text, and anchors, as the layers see them: the same in every step.
 #[derive(Debug, Clone)]
 pub struct Context<T> {
     /// `[d]`
     global: Vec<T>,
     /// A layer each: keys and values `[n][2 d]`.
     memories: Vec<Vec<T>>,
+    /// Of a motion of as many tokens as logits are asked for.
+    pub(super) anchors: Option<AnchorContext<T>>,
 }
 
 /// What is known of a motion besides its text.
@@ -62,7 +65,7 @@ impl<T: Real> Planner<T> {
             position: Embedding::new(&p.position),
             end: Embedding::new(&p.end),
             fixed: Embedding::new(&p.fixed),
-            layers: p.layers.iter().map(|b| Block::new(b, config.planner.heads, config)).collect(),
+            layers: p.layers.iter().map(|b| Block::new(b, config.planner.heads, config.form())).collect(),
             norm: LayerNorm::new(&p.norm, config.epsilon),
             token: Linear::new(&p.token),
             tokens: Embedding::of_rows(&p.token),
@@ -76,6 +79,7 @@ impl<T: Real> Planner<T> {
         Context {
             global: self.global.forward(&text.pooled),
             memories: self.layers.iter().map(|l| l.remember(&text.memory)).collect(),
+            anchors: None,
         }
     }
 
@@ -100,8 +104,14 @@ impl<T: Real> Planner<T> {
                 self.fixed.add(0, row);
             }
         }
-        for (layer, memory) in self.layers.iter().zip(&context.memories) {
-            layer.forward(&mut x, memory, &[]);
+        if let Some(anchors) = &context.anchors {
+            add(&mut x, &anchors.rows);
+        }
+        for (m, (layer, memory)) in self.layers.iter().zip(&context.memories).enumerate() {
+            let anchors = context.anchors.as_ref().and_then(|a| a.memories.get(m));
+            let stride = 2 * self.width;
+            let extra = anchors.map(|rows| Segment { rows, stride, keys: 0, values: self.width });
+            layer.forward(&mut x, memory, extra.as_slice());
         }
         self.token.forward(&self.norm.forward(&x[self.width..]))
     }

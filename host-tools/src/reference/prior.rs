@@ -1,13 +1,15 @@
 //! A prior made ready to run: a prompt to tokens.
 
+use super::anchors::Anchor;
+use super::control::Control;
 use super::planner::{Context, Planner, Window};
 use super::real::Real;
 use super::text::{self, TextEncoder};
 use super::tmd::{Settings, Tmd};
-use crate::checkpoint::TokenizerCheckpoint;
 use crate::checkpoint::prior::PriorCheckpoint;
+use crate::checkpoint::{ControlCheckpoint, TokenizerCheckpoint};
 
-/// What a motion is planned from: a text, how strongly it guides, and what is known of the motion.
+/// What a motion is planned from: a text, how strongly it guides, anchors, and what is known of the motion.
 #[derive(Debug, Clone)]
 pub struct Guided<T> {
     conditional: Context<T>,
@@ -20,13 +22,15 @@ pub struct Guided<T> {
     pub end_open: bool,
 }
 
-/// Text encoder, planner and sampler.
+/// Text encoder, planner, its control and sampler.
 #[derive(Debug, Clone)]
 pub struct Prior<T> {
     /// Prompt to memory.
     pub text: TextEncoder<T>,
     /// Noisy tokens to logits.
     pub planner: Planner<T>,
+    /// Anchors to what the planner sees of them.
+    pub control: Option<Control<T>>,
     /// Corruption and sampling.
     pub tmd: Tmd<T>,
 }
@@ -46,8 +50,16 @@ impl<T: Real> Prior<T> {
         Self {
             text: TextEncoder::new(checkpoint),
             planner: Planner::new(checkpoint),
+            control: None,
             tmd: Tmd::new(codebook, c.code_dim, c.c, c.a),
         }
+    }
+
+    /// The same with a control that was trained on it ([`ControlCheckpoint::check_prior`] says whether it was); `rate` is that of the
+    /// motion, frames a second.
+    #[must_use]
+    pub fn controlled(self, checkpoint: &ControlCheckpoint, rate: f64) -> Self {
+        Self { control: Some(Control::new(checkpoint, rate)), ..self }
     }
 
     /// The length the text encoder predicts, tokens.
@@ -67,6 +79,21 @@ impl<T: Real> Prior<T> {
             start_open: false,
             end_open: false,
         }
+    }
+
+    /// The same conditioned on anchors in a motion of `tokens` tokens, which is how many must be planned then. Without a control, or when
+    /// it sees none of the anchors, nothing changes.
+    ///
+    /// # Panics
+    /// For an anchor behind the motion's end, or more tokens than the longest motion has.
+    #[must_use]
+    pub fn through(&self, mut guided: Guided<T>, anchors: &[Anchor], tokens: usize) -> Guided<T> {
+        let context = self.control.as_ref().and_then(|control| control.context(anchors, tokens));
+        if let Some(unconditional) = &mut guided.unconditional {
+            unconditional.anchors.clone_from(&context);
+        }
+        guided.conditional.anchors = context;
+        guided
     }
 
     /// Logits `[L][V]` over clean tokens, given `tokens` at `time`; `fixed` says which of them are given (missing ones are not).

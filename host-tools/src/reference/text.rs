@@ -147,7 +147,7 @@ impl<T: Real> TextEncoder<T> {
             max_words: config.max_words,
             embedding: Embedding::new(&text.embedding),
             position: Embedding::new(&text.position),
-            layers: text.layers.iter().map(|b| Block::new(b, config.text.heads, config)).collect(),
+            layers: text.layers.iter().map(|b| Block::new(b, config.text.heads, config.form())).collect(),
             norm: LayerNorm::new(&text.norm, config.epsilon),
             length: Linear::new(&text.length),
             width: config.text.width,

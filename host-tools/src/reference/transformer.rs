@@ -5,7 +5,7 @@
 
 use super::erf::erf;
 use super::real::{Real, convert, dot};
-use crate::checkpoint::prior::{self, Activation, NormOrder};
+use crate::checkpoint::prior::{self, Activation, Form, NormOrder};
 
 /// Outputs computed side by side.
 const LANES: usize = 8;
@@ -196,11 +196,11 @@ pub(super) fn softmax<T: Real>(x: &mut [T]) {
     x.iter_mut().for_each(|v| *v = *v / sum);
 }
 
-fn add<T: Real>(to: &mut [T], from: &[T]) {
+pub(super) fn add<T: Real>(to: &mut [T], from: &[T]) {
     to.iter_mut().zip(from).for_each(|(to, &from)| *to += from);
 }
 
-fn activate<T: Real>(x: &mut [T], activation: Activation) {
+pub(super) fn activate<T: Real>(x: &mut [T], activation: Activation) {
     match activation {
         Activation::Relu => x.iter_mut().for_each(|v| *v = v.relu()),
         Activation::Gelu => x.iter_mut().for_each(|v| {
@@ -237,8 +237,8 @@ pub struct Block<T> {
 impl<T: Real> Block<T> {
     /// From a checkpoint's weights.
     #[must_use]
-    pub fn new(source: &prior::Block, heads: usize, config: &prior::PriorConfig) -> Self {
-        let norm = |n: &prior::LayerNorm| LayerNorm::new(n, config.epsilon);
+    pub fn new(source: &prior::Block, heads: usize, form: Form) -> Self {
+        let norm = |n: &prior::LayerNorm| LayerNorm::new(n, form.epsilon);
         Self {
             norm1: norm(&source.norm1),
             qkv: Linear::new(&source.qkv),
@@ -253,8 +253,8 @@ impl<T: Real> Block<T> {
             expand: Linear::new(&source.expand),
             contract: Linear::new(&source.contract),
             heads,
-            order: config.norm,
-            activation: config.activation,
+            order: form.norm,
+            activation: form.activation,
         }
     }
 

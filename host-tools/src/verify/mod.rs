@@ -14,7 +14,7 @@ use serde::Serialize;
 use crate::agreement::Agreement;
 use crate::blob_file::{self, BlobFile};
 use crate::checkpoint::prior::Sizes;
-use crate::checkpoint::{PriorCheckpoint, TokenizerCheckpoint};
+use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
 use crate::dataset::{Dataset, Split};
 use crate::motion::Pose;
 use crate::reference::road::RoadError;
@@ -54,6 +54,9 @@ pub enum Error {
     /// The blob has no text or no planner.
     #[error("the blob has no planner; convert it with --prior")]
     NoPlanner,
+    /// The blob has no anchor control.
+    #[error("the blob has no anchor control; convert it with --control")]
+    NoControl,
     /// The runtime refused a caption.
     #[error("the caption of clip {clip}: {source}")]
     Prompt {
@@ -61,6 +64,14 @@ pub enum Error {
         clip: String,
         /// Why.
         source: motionette::perception::prompt::PromptError,
+    },
+    /// The runtime refused anchors of a clip.
+    #[error("the anchors of clip {clip}: {source}")]
+    Anchors {
+        /// The clip's name.
+        clip: String,
+        /// Why.
+        source: motionette::perception::anchors::AnchorError,
     },
     /// The planner took more memory than it said.
     #[error("the runtime's planner says: {0}")]
@@ -132,13 +143,15 @@ pub struct Verification {
     pub solvers: Option<solvers::Report>,
     /// Planner against planner ([`planner::verify`]); `None` without a prior.
     pub planner: Option<planner::Report>,
+    /// The same on anchors that the planner sees; `None` without a control.
+    pub control: Option<planner::Report>,
 }
 
 impl Verification {
     /// Whether every budget is kept.
     #[must_use]
     pub fn passed(&self) -> bool {
-        self.budgets.iter().all(|b| b.met) && self.planner.as_ref().is_none_or(|p| p.met)
+        self.budgets.iter().all(|b| b.met) && self.planner.iter().chain(&self.control).all(|p| p.met)
     }
 }
 
@@ -208,21 +221,14 @@ pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), 
     let (_, manifest, _) = blob.parts()?;
     let (Some(text), Some(planner)) = (manifest.text, manifest.planner) else { return Err(Error::NoPlanner) };
     let c = &prior.config;
-    let stack = |t: &TransformerConfig| [t.width, u16::from(t.heads), u16::from(t.layers), t.hidden].map(usize::from);
-    let sizes = |s: &Sizes| [s.width, s.heads, s.layers, s.hidden];
     let mut pairs = vec![
         ("width of the text encoder", usize::from(text.width), c.text.width),
         ("longest prompt", usize::from(text.max_words), c.max_words),
         ("longest motion", usize::from(manifest.max_tokens), c.max_tokens),
         ("number of codes", usize::from(manifest.decoder.codes), c.codes),
     ];
-    let names = ["width", "number of heads", "number of layers", "hidden width"];
-    let transformers = [(text.encoder, c.text), (Some(planner.transformer), c.planner)];
-    for (blob, checkpoint) in transformers {
-        let Some(blob) = blob else { continue };
-        let values = stack(&blob).into_iter().zip(sizes(&checkpoint));
-        pairs.extend(names.into_iter().zip(values).map(|(name, (blob, checkpoint))| (name, blob, checkpoint)));
-    }
+    pairs.extend(text.encoder.iter().flat_map(|encoder| transformer(encoder, c.text)));
+    pairs.extend(transformer(&planner.transformer, c.planner));
     if text.encoder.is_some() {
         let same = text.vocabulary.lines().zip(&c.vocabulary).take_while(|(a, b)| a == b).count();
         pairs.push(("number of words", text.vocabulary.lines().count(), c.vocabulary.len()));
@@ -232,6 +238,42 @@ pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), 
         Some((what, blob, checkpoint)) => Err(Error::Mismatch { what, blob, checkpoint }),
         None => Ok(()),
     }
+}
+
+/// Refuses a blob and a control of different sizes.
+///
+/// # Errors
+/// [`Error::NoControl`], [`Error::Mismatch`].
+pub fn check_same_control(blob: &BlobFile, control: &ControlCheckpoint) -> Result<(), Error> {
+    let (_, manifest, _) = blob.parts()?;
+    let Some(found) = manifest.control else { return Err(Error::NoControl) };
+    let c = &control.config;
+    let families = c.families.iter().fold(0, |bits, family| bits | family.bit());
+    let pairs = [
+        ("longest motion", usize::from(manifest.max_tokens), c.max_tokens),
+        ("width of a frame of the scaffold", usize::from(found.frame_width), c.frame_width),
+        ("rank of the anchors' keys and values", usize::from(found.rank), c.rank),
+        ("whether there is a dual context", usize::from(found.context), usize::from(c.context)),
+        ("set of families", usize::from(found.families), usize::from(families)),
+    ];
+    match pairs
+        .into_iter()
+        .chain(transformer(&found.scaffold, c.scaffold))
+        .find(|(_, blob, checkpoint)| blob != checkpoint)
+    {
+        Some((what, blob, checkpoint)) => Err(Error::Mismatch { what, blob, checkpoint }),
+        None => Ok(()),
+    }
+}
+
+/// Sizes of a transformer in blob and checkpoint, by name.
+fn transformer(t: &TransformerConfig, s: Sizes) -> [(&'static str, usize, usize); 4] {
+    [
+        ("width", usize::from(t.width), s.width),
+        ("number of heads", usize::from(t.heads), s.heads),
+        ("number of layers", usize::from(t.layers), s.layers),
+        ("hidden width", usize::from(t.hidden), s.hidden),
+    ]
 }
 
 /// Whether the blob's card names this checkpoint file (its SHA-256) among those it came from.
@@ -303,7 +345,7 @@ pub fn verify(
     let layers = layers::measure(blob, checkpoint, &latents)?;
     let solvers = if solver_clips > 0 { Some(solvers::compare(blob, &road, sequences, solver_clips)?) } else { None };
     let budgets = budgets(&agreement);
-    Ok(Verification { agreement, budgets, layers, solvers, planner: None })
+    Ok(Verification { agreement, budgets, layers, solvers, planner: None, control: None })
 }
 
 fn budgets(a: &Agreement) -> Vec<Budget> {

@@ -1,8 +1,9 @@
-//! Small checkpoints for tests: a tokenizer, and a prior of its tokens.
+//! Small checkpoints for tests: a tokenizer, a prior of its tokens, and the prior's control.
 
 use std::collections::HashMap;
 
-use motionette_host::checkpoint::{Tensor, TensorMap, TokenizerCheckpoint, prior};
+use motionette_host::checkpoint::{Tensor, TensorMap, TokenizerCheckpoint, control, prior};
+use motionette_host::reference::scaffold;
 use safetensors::{Dtype, tensor::TensorView};
 
 use super::Random;
@@ -89,14 +90,19 @@ pub fn prior_config(norm: &str, activation: &str) -> String {
     )
 }
 
+/// Numbers within `size` of `middle`.
+fn random_tensor(random: &mut Random, shape: &[usize], size: f64, middle: f64) -> Tensor {
+    let data = (0..shape.iter().product()).map(|_| (middle + size * random.uniform()) as f32).collect();
+    Tensor { shape: shape.to_vec(), data }
+}
+
 /// Every tensor of a small prior, random.
 pub fn prior(seed: u64) -> TensorMap {
     let (words, max_words, max_tokens, codes, dt, d) = (9, 7, 49, 6, 8, 12);
     let mut random = Random(seed);
     let mut map = TensorMap::default();
     let mut add = |name: String, shape: &[usize], size: f64, middle: f64| {
-        let data = (0..shape.iter().product()).map(|_| (middle + size * random.uniform()) as f32).collect();
-        map.insert(name, Tensor { shape: shape.to_vec(), data });
+        map.insert(name, random_tensor(&mut random, shape, size, middle));
     };
     let mut tables = vec![("text.embedding", words, dt), ("text.position", max_words, dt), ("planner.time", 32, d)];
     tables.extend([("planner.boundary", 4, d), ("planner.position", max_tokens, d), ("planner.end", max_tokens, d)]);
@@ -138,4 +144,69 @@ pub fn prior(seed: u64) -> TensorMap {
 pub fn prior_checkpoint(seed: u64, norm: &str, activation: &str) -> prior::PriorCheckpoint {
     let config = prior::PriorConfig::from_json(&prior_config(norm, activation)).expect("a good configuration");
     prior::PriorCheckpoint::build(&prior(seed), config).expect("a good checkpoint")
+}
+
+/// Metadata of a control with this configuration.
+pub fn control_metadata(config: &str) -> HashMap<String, String> {
+    metadata("motionette-control", config)
+}
+
+/// Sizes of a small control of [`prior`] with this seed. `families`: a list in JSON.
+pub fn control_config(prior_seed: u64, norm: &str, activation: &str, context: bool, families: &str) -> String {
+    let prior = prior_checkpoint(prior_seed, norm, activation);
+    let (tokenizer, prior) = (prior.config.tokenizer.clone(), prior.weights_hash());
+    format!(
+        r#"{{"max_tokens": 49, "frame_width": 5, "scaffold": {{"width": 8, "heads": 2, "layers": 2, "hidden": 9}}, "rank": 3,
+    "planner_width": 12, "planner_layers": 2, "epsilon": 1e-5, "norm": "{norm}", "activation": "{activation}",
+    "context": {context}, "families": {families}, "tokenizer": "{tokenizer}", "prior": "{prior}", "figures": [1]}}"#
+    )
+}
+
+/// Every tensor of a small control, random.
+pub fn control(seed: u64, context: bool) -> TensorMap {
+    let (frame, ws, hidden, rank, d) = (5, 8, 9, 3, 12);
+    let mut random = Random(seed);
+    let mut map = TensorMap::default();
+    let mut add = |name: String, shape: &[usize], size: f64, middle: f64| {
+        map.insert(name, random_tensor(&mut random, shape, size, middle));
+    };
+    add("control.mean".into(), &[scaffold::VALUES], 0.3, 0.5);
+    add("control.std".into(), &[scaffold::VALUES], 0.2, 0.6);
+    add("control.position.weight".into(), &[49, ws], 1.0, 0.0);
+    let mut linears =
+        vec![("control.frame".to_owned(), frame, scaffold::WIDTH), ("control.merge".into(), ws, 4 * frame)];
+    let mut norms = vec!["control.norm".to_owned()];
+    for i in 0..2 {
+        let name = format!("control.layers.{i}");
+        norms.extend([format!("{name}.norm1"), format!("{name}.norm2")]);
+        linears.push((format!("{name}.attention.qkv"), 3 * ws, ws));
+        linears.push((format!("{name}.attention.out"), ws, ws));
+        linears.push((format!("{name}.ffn.in"), hidden, ws));
+        linears.push((format!("{name}.ffn.out"), ws, hidden));
+    }
+    for m in 0..2 {
+        linears.push((format!("control.anchor.{m}.down"), rank, ws));
+        linears.push((format!("control.anchor.{m}.kv"), 2 * d, rank));
+    }
+    if context {
+        linears.push(("control.global.in".into(), ws, ws));
+        linears.push(("control.global.out".into(), d, ws));
+        linears.push(("control.local".into(), d, ws));
+    }
+    for (name, outputs, inputs) in linears {
+        add(format!("{name}.weight"), &[outputs, inputs], 1.5 / (inputs as f64).sqrt(), 0.0);
+        add(format!("{name}.bias"), &[outputs], 0.3, 0.0);
+    }
+    for name in norms {
+        add(format!("{name}.weight"), &[ws], 0.3, 1.0);
+        add(format!("{name}.bias"), &[ws], 0.2, 0.0);
+    }
+    map
+}
+
+/// A small control, checked, with all families and the dual context.
+pub fn control_checkpoint(seed: u64, prior_seed: u64) -> control::ControlCheckpoint {
+    let text = control_config(prior_seed, "pre", "gelu", true, r#"["root3d", "planar", "body"]"#);
+    let config = control::ControlConfig::from_json(&text).expect("a good configuration");
+    control::ControlCheckpoint::build(&control(seed, true), config).expect("a good checkpoint")
 }

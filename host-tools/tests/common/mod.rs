@@ -1,7 +1,11 @@
-//! Where the shared test data lies, random numbers, small checkpoints.
+//! Where the shared test data lies, random numbers, small checkpoints, formulas, a folder to run in.
 
+#[allow(dead_code, reason = "each test binary compiles this module and not all run the program")]
+pub mod bench;
 #[allow(dead_code, reason = "each test binary compiles this module and not all need checkpoints")]
 pub mod checkpoints;
+#[allow(dead_code, reason = "each test binary compiles this module and not all need formulas")]
+pub mod naive;
 
 use std::path::PathBuf;
 

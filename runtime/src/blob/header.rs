@@ -5,7 +5,7 @@ use super::Error;
 /// First four bytes of every blob.
 pub const MAGIC: [u8; 4] = *b"MNTB";
 /// Major format version: readers refuse others.
-pub const MAJOR: u16 = 2;
+pub const MAJOR: u16 = 3;
 /// Minor format version: additions that older readers may ignore.
 pub const MINOR: u16 = 0;
 /// Bytes of the header.

@@ -39,12 +39,14 @@ pub struct Manifest<'a> {
     pub text: Option<TextConfig<'a>>,
     /// Planner: text to motion tokens.
     pub planner: Option<PlannerConfig>,
+    /// Anchor control of the planner; `None`: anchors only bend what was planned.
+    pub control: Option<ControlConfig>,
     /// A request whose result is known, so that a device can prove itself.
     pub self_test: SelfTest,
     /// Entries of the tensor table that follows. Order: `statistics.mean`, `statistics.std` (F32 `[F]`), one codebook a
     /// quantizer (F16 `[V][du]`), then the decoder's layers in order of execution; a layer is its int16 rows if it has
     /// any (I16Planes), its int8 rows if it has any (I8), scales (F32 `[N]`), biases (F32 `[N]`). Then the text encoder,
-    /// the length head, the stored prompts and the planner, as `FORMAT.md` lists them.
+    /// the length head, the stored prompts, the planner and its anchor control, as `FORMAT.md` lists them.
     pub tensor_count: u16,
 }
 
@@ -151,6 +153,21 @@ pub struct PlannerConfig {
     pub transformer: TransformerConfig,
     /// How tokens are drawn from its proposals.
     pub sampler: Sampler,
+}
+
+/// How anchors reach the planner: scaffold encoder, AnchorKV, dual context (EQUATIONS section 3).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ControlConfig {
+    /// Blocks of the scaffold encoder.
+    pub scaffold: TransformerConfig,
+    /// Width of a frame's features behind the first layer.
+    pub frame_width: u16,
+    /// Rank of the projections to keys and values, `r`.
+    pub rank: u16,
+    /// Whether anchors also join the planner's rows (dual context).
+    pub context: bool,
+    /// Families of anchors it was trained for, a set of bits: 1 Root-3D, 2 Planar-root, 4 Body-point.
+    pub families: u8,
 }
 
 /// A sampler and its constants.

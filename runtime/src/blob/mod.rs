@@ -9,9 +9,9 @@ mod tensors;
 
 pub use header::{ALIGNMENT, HEADER_LEN, Header, MAGIC, MAJOR, MINOR, crc32};
 pub use manifest::{
-    Activation, Card, DType, DecoderConfig, MAX_BANK, MAX_BLOCKS, MAX_LAYERS, MAX_NAME, MAX_STAGES, MAX_TENSORS,
-    MAX_VOCABULARY, Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry, TextConfig,
-    TransformerConfig,
+    Activation, Card, ControlConfig, DType, DecoderConfig, MAX_BANK, MAX_BLOCKS, MAX_LAYERS, MAX_NAME, MAX_STAGES,
+    MAX_TENSORS, MAX_VOCABULARY, Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry,
+    TextConfig, TransformerConfig,
 };
 pub use tensors::{Tensor, Tensors};
 

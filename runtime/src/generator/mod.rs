@@ -23,7 +23,7 @@ use crate::perception::anchors::{Anchor, AnchorSet, Target};
 use crate::perception::prompt::Heard;
 use crate::plan::{JOINT_COLUMNS, Limits, Plan, feature_columns};
 use crate::planning::session::{Modules, Session};
-use crate::planning::{self, PlanningError};
+use crate::planning::{self, Control, PlanningError};
 use crate::refining::{self, SolverError, Stop};
 use decoder_map::DecoderMap;
 use environment::floating_point_is_default;
@@ -37,6 +37,7 @@ pub struct Motion<'a> {
     u: &'a [f32],
     tokens: &'a [u16],
     heard: Heard,
+    unconditioned: u16,
     frame_rate: u16,
     /// What the refinement did; `None` without one.
     pub refinement: Option<refining::Report>,
@@ -79,6 +80,13 @@ impl<'a> Motion<'a> {
     #[must_use]
     pub const fn unknown_words(&self) -> u16 {
         self.heard.unknown_words
+    }
+
+    /// Distinct anchors of the request that the planner did not see: those of families it was not trained for, or all of them,
+    /// where the blob has no anchor control, the request wants none ([`Request::unconditioned`]) or no text was planned.
+    #[must_use]
+    pub const fn unconditioned_anchors(&self) -> u16 {
+        self.unconditioned
     }
 
     /// Frames a second.
@@ -125,7 +133,7 @@ impl<'a> Generator<'a> {
     }
 
     fn limits(&self, request: &Request<'_>) -> Result<Limits, Error> {
-        let anchors = if request.refinement.is_some() { request.anchors.len() } else { 0 };
+        let refined = if request.refinement.is_some() { request.anchors.len() } else { 0 };
         let refinement = request.refinement.unwrap_or_default();
         let limit = self.model.max_tokens();
         let (numbers, each) = match request.source {
@@ -136,15 +144,22 @@ impl<'a> Generator<'a> {
                 let words = text.rows(&prompt)?;
                 let plan = &request.planning;
                 let tokens = plan.check(limit, planner.codes(), self.model.frames_per_token())?;
-                let planning = Some(planning::Limits { words, steps: plan.steps, guided: plan.guided() });
-                return Ok(Limits { tokens, anchors, refinement, planning });
+                let anchors = plan.conditioned && self.seen(request.anchors);
+                let planning = planning::Limits { words, steps: plan.steps, guided: plan.guided(), anchors };
+                return Ok(Limits { tokens, anchors: refined, refinement, planning: Some(planning) });
             }
         };
         let tokens = numbers / each.max(1);
         if tokens == 0 || tokens > limit || !numbers.is_multiple_of(each.max(1)) {
             return Err(Error::Tokens { found: if tokens > limit { tokens } else { numbers }, limit });
         }
-        Ok(Limits { tokens, anchors, refinement, planning: None })
+        Ok(Limits { tokens, anchors: refined, refinement, planning: None })
+    }
+
+    /// Whether the planner would see any of `anchors`.
+    fn seen(&self, anchors: &[Anchor]) -> bool {
+        let scaffold = self.model.control().map(Control::scaffold);
+        scaffold.is_some_and(|scaffold| anchors.iter().any(|anchor| scaffold.sees(anchor.target.family())))
     }
 
     /// Makes the motion of `request`. `observer` is asked at every layer boundary.
@@ -173,6 +188,7 @@ impl<'a> Generator<'a> {
         let quantizers = model.codebooks().quantizers();
         let tokens = arena.take::<u16>(limits.tokens * quantizers).map_err(too_small)?;
         let mut peak = 0;
+        let mut unconditioned = anchors.len() as u16;
         let mut made = Planned { tokens: limits.tokens, heard: Heard::default() };
         if let (Source::Text(prompt), Some(planning), Some(modules)) =
             (request.source, &limits.planning, model.planning())
@@ -186,7 +202,10 @@ impl<'a> Generator<'a> {
             let mut overlay = arena.overlay();
             let session = Session::new(modules, &mut overlay, made.tokens, planning).map_err(too_small)?;
             peak = overlay.used();
-            made = plan_tokens(session, &prompt, &request.planning, shortest, tokens, observer)?;
+            made = plan_tokens(session, &prompt, &request.planning, shortest, Some(&anchors), tokens, observer)?;
+            if let (true, Some(control)) = (planning.anchors, model.control()) {
+                unconditioned = anchors.iter().filter(|anchor| !control.scaffold().sees(anchor.family)).count() as u16;
+            }
             log::debug!("planned {} tokens", made.tokens);
         }
         // A predicted length may be shorter than what the buffers are made for.
@@ -255,7 +274,8 @@ impl<'a> Generator<'a> {
         let arena_used = if peak > arena.used() { peak } else { arena.used() };
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
         let Planned { heard, .. } = made;
-        Ok(Motion { joints, u, tokens, heard, frame_rate: model.frame_rate(), refinement, arena_used })
+        let frame_rate = model.frame_rate();
+        Ok(Motion { joints, u, tokens, heard, unconditioned, frame_rate, refinement, arena_used })
     }
 
     /// Runs the blob's self-test: decodes its token sequence and compares the hash. `None`: the blob carries none.

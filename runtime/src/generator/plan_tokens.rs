@@ -4,6 +4,7 @@ use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
 use crate::hash::Stream;
 use crate::nn::Interrupted;
+use crate::perception::anchors::AnchorSet;
 use crate::perception::prompt::{Heard, Prompt};
 use crate::planning::session::Session;
 use crate::planning::{Length, Planning};
@@ -44,14 +45,15 @@ impl Wish {
     }
 }
 
-/// Plans the tokens of `prompt` into `tokens`, which has room for the longest motion there may be. A predicted length is
-/// at least `shortest`.
+/// Plans the tokens of `prompt` into `tokens`, which has room for the longest motion there may be, conditioned by `anchors`. A
+/// predicted length is at least `shortest`.
 #[inline(never)]
 pub(super) fn plan_tokens(
     mut session: Session<'_, '_, '_>,
     prompt: &Prompt<'_>,
     planning: &Planning<'_>,
     shortest: usize,
+    anchors: Option<&AnchorSet>,
     tokens: &mut [u16],
     observer: &mut dyn Observer,
 ) -> Result<Planned, Error> {
@@ -74,6 +76,9 @@ pub(super) fn plan_tokens(
         }
     }
     let tokens = tokens.get_mut(..count).unwrap_or(&mut []);
+    if let Some(anchors) = anchors {
+        session.anchor(anchors, count, &mut || wish.ask(&mut watch)).map_err(|Interrupted| Error::Aborted)?;
+    }
 
     let mut stream = Stream::new(planning.seed);
     session.begin(planning, &mut stream, tokens);

@@ -21,7 +21,7 @@ pub enum Source<'r> {
 pub struct Request<'r> {
     /// Where the motion comes from.
     pub source: Source<'r>,
-    /// Where it must pass. Empty: no refinement.
+    /// Where it must pass: what the planner sees of a text's anchors, and what the refinement meets. Empty: neither.
     pub anchors: &'r [Anchor],
     /// How it is bent there; `None` leaves the motion as it is.
     pub refinement: Option<Config>,
@@ -114,7 +114,13 @@ impl<'r> Request<'r> {
         Request { planning: Planning { fixed, ..self.planning }, ..self }
     }
 
-    /// The same, bent onto `anchors` with the default refinement.
+    /// The same with a planner that does not see the anchors: they only refine.
+    #[must_use]
+    pub const fn unconditioned(self) -> Self {
+        Request { planning: Planning { conditioned: false, ..self.planning }, ..self }
+    }
+
+    /// The same through `anchors`, bent onto them with the default refinement.
     #[must_use]
     pub fn through(self, anchors: &'r [Anchor]) -> Self {
         Request { anchors, refinement: Some(Config::default()), ..self }

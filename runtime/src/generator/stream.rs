@@ -319,7 +319,7 @@ impl MotionStream<'_, '_> {
         };
         planning.check(capacity, codes, frames_per_token)?;
 
-        let limits = planning::Limits { words, steps: planning.steps, guided: planning.guided() };
+        let limits = planning::Limits { words, steps: planning.steps, guided: planning.guided(), anchors: false };
         let needed = self.spare.used() + bytes_of::<u16>(capacity) + modules.bytes(context + count, &limits);
         let available = self.spare.available();
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
@@ -330,7 +330,7 @@ impl MotionStream<'_, '_> {
         let window = arena.take::<u16>(capacity).map_err(too_small)?;
         let window = window.get_mut(..context + count).unwrap_or(&mut []);
         let session = Session::new(modules, &mut arena, context + count, &limits).map_err(too_small)?;
-        let planned = plan_tokens(session, &prompt, &planning, 1, window, observer)?;
+        let planned = plan_tokens(session, &prompt, &planning, 1, None, window, observer)?;
         log::debug!("planned {} tokens behind {}", count, context);
         self.memory.push(window.get(context..).unwrap_or(&[]));
         self.segment = self.segment.wrapping_add(1);

@@ -5,6 +5,7 @@
 //! `p_xz[t] = sum_{s<t} R(th[s+1]) v[s]`, `p_y[t] = h[t]`, `joint_j[t] = R(th[t]) local_j[t] + (p_x, 0, p_z)[t]`.
 
 use crate::JOINTS;
+use crate::angle::sin_cos;
 use crate::nn::output::Channels;
 use core::f32::consts::PI;
 
@@ -98,8 +99,7 @@ impl Root {
     /// Turns by the half angle `yaw`, then walks by `(vx, vz)` in the new heading, metres.
     fn step(&mut self, yaw: f32, vx: f32, vz: f32) {
         self.angle = within_a_turn(self.angle + yaw);
-        let full = 2.0 * self.angle;
-        (self.cos, self.sin) = (libm::cosf(full), libm::sinf(full));
+        (self.sin, self.cos) = sin_cos(2.0 * self.angle);
         self.x += vx * self.cos - vz * self.sin;
         self.z += vx * self.sin + vz * self.cos;
     }

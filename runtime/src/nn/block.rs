@@ -9,7 +9,7 @@
 
 use super::activation;
 use super::attention::{self, Heads, Segment, SegmentMut, attend};
-use super::conv1d::{BLOCK, Rows};
+use super::conv1d::{BLOCK, Rows, larger};
 use super::linear::Linear;
 use super::norm::{LayerNorm, MAX_INPUT};
 use super::quantise;
@@ -203,17 +203,18 @@ impl<'a> Block<'a> {
         self.config.width as usize
     }
 
-    /// A bound of `|x|` behind the block when `|x| <= bound` before it and `|memory| <= memory`; `None` where a number
-    /// on the way could leave the range that its successor takes.
+    /// A bound of `|x|` behind the block when `|x| <= bound` before it, `|memory| <= memory`, and keys and values that
+    /// self-attention reads beside its own are at most `extra`; `None` where a number on the way could leave the range that its
+    /// successor takes.
     #[inline(never)]
-    fn bound(&self, bound: f32, memory: f32) -> Option<f32> {
+    fn bound(&self, bound: f32, memory: f32, extra: f32) -> Option<f32> {
         let within = |bound: f32| if bound < MAX_INPUT { Some(bound) } else { None };
         let post = self.config.norm == Norm::Post;
         let into = |norm: &LayerNorm<'_>, x: f32| if post { x } else { norm.bound() };
         let onward = |norm: &LayerNorm<'_>, x: f32| if post { norm.bound() } else { x };
         // Attention averages: what comes out of it is no larger than its values, but for their rounding.
         let mut x = within(bound)?;
-        let values = within(self.qkv.bound(within(into(&self.norm1, x))?))?;
+        let values = within(larger(self.qkv.bound(within(into(&self.norm1, x))?), extra))?;
         x = onward(&self.norm1, within(x + self.out.bound(1.01 * values))?);
         if let Some(cross) = &self.cross {
             within(cross.query.bound(within(into(&cross.norm, x))?))?;
@@ -360,6 +361,26 @@ fn project(
     }
 }
 
+/// Keys and values of low rank, `kv(down x)` of `x [n][d]`, for the self-attention of a block of width `H dh`, into `segment`.
+pub fn project_low_rank(
+    heads: Heads,
+    down: &Linear<'_>,
+    kv: &Linear<'_>,
+    x: &[f32],
+    segment: &mut SegmentMut<'_>,
+    scratch: &mut Scratch<'_>,
+) {
+    let inputs = down.inputs().max(1);
+    for (block, x) in x.chunks((BLOCK * inputs).max(1)).enumerate() {
+        let low = core::mem::take(&mut scratch.a);
+        if let Some(rows) = low.get_mut(..x.len() / inputs * down.outputs()) {
+            scratch.linear(down, x, rows);
+            project(heads, kv, 0, rows, block * BLOCK, segment, scratch);
+        }
+        scratch.a = low;
+    }
+}
+
 /// `rows <- Out(attention(Query rows))`, `other` of the same size.
 fn attention_layer(
     heads: Heads,
@@ -428,17 +449,18 @@ impl<'a> Stack<'a> {
         Ok(Stack { config, memory, first })
     }
 
-    /// A bound of the rows behind the last block when rows and memory before the first are bounded so.
+    /// A bound of the rows behind the last block when rows and memory before the first are bounded so, and keys and values
+    /// that self-attention reads beside its own.
     ///
     /// # Errors
     /// [`Error::Unbounded`] where numbers could leave the range that a layer takes.
-    pub fn bound(&self, rows: f32, memory: f32) -> Result<f32, Error> {
+    pub fn bound(&self, rows: f32, memory: f32, extra: f32) -> Result<f32, Error> {
         let mut tensors = self.first;
         let mut bound = rows;
         for _ in 0..self.config.layers {
             let index = tensors.index();
             let block = Block::open(&mut tensors, self.config, self.memory)?;
-            bound = block.bound(bound, memory).ok_or(Error::Unbounded { index })?;
+            bound = block.bound(bound, memory, extra).ok_or(Error::Unbounded { index })?;
         }
         Ok(bound)
     }
@@ -462,9 +484,10 @@ impl<'a> Stack<'a> {
         (0..config.layers).map_while(move |_| Block::open(&mut first, config, memory).ok())
     }
 
-    /// What a [`Scratch`] must serve for so many rows and rows of memory.
+    /// What a [`Scratch`] must serve for so many rows, keys beside them, and rows of memory.
     #[must_use]
-    pub fn sizes(&self, rows: usize, memory: usize) -> Sizes {
+    pub fn sizes(&self, rows: usize, extra: usize, memory: usize) -> Sizes {
+        let keys = rows + extra;
         let width = usize::from(self.config.width);
         let inputs = usize::from(self.memory.unwrap_or(0));
         Sizes {
@@ -473,14 +496,15 @@ impl<'a> Stack<'a> {
             outputs: width,
             hidden: usize::from(self.config.hidden),
             head: self.heads().width,
-            keys: if memory > rows { memory } else { rows },
+            keys: if memory > keys { memory } else { keys },
         }
     }
 
-    /// Multiply-accumulates of a pass over `rows` rows with `memory` rows of memory, without reading the memory.
+    /// Multiply-accumulates of a pass over `rows` rows with `extra` keys beside them and `memory` rows of memory, without
+    /// making the latter two.
     #[must_use]
-    pub fn macs(&self, rows: usize, memory: usize) -> u64 {
-        let each = self.blocks().next().map_or(0, |block| block.macs(self.heads(), rows, memory));
+    pub fn macs(&self, rows: usize, extra: usize, memory: usize) -> u64 {
+        let each = self.blocks().next().map_or(0, |block| block.macs(self.heads(), rows + extra, memory));
         u64::from(self.config.layers) * rows as u64 * each
     }
 

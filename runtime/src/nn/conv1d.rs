@@ -109,6 +109,7 @@ impl<'a> Conv1d<'a> {
 
     /// A bound of `|y|` when `|x| <= input` (row norms of the weights).
     #[must_use]
+    #[inline(never)]
     pub fn bound(&self, input: f32) -> f32 {
         let mut bound = 0.0f32;
         for (n, (scale, bias)) in self.scales.iter().zip(self.biases).enumerate() {
@@ -306,6 +307,7 @@ pub(super) fn add_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: us
 }
 
 /// Sum of magnitudes.
+#[inline(never)]
 pub(super) fn weight_norm(weights: Option<&[i8]>) -> u32 {
     weights.unwrap_or(&[]).iter().fold(0, |sum, w| sum + u32::from(w.unsigned_abs()))
 }

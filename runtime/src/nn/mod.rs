@@ -8,6 +8,7 @@ pub mod attention;
 pub mod block;
 pub mod conv1d;
 pub mod embedding;
+pub mod encoder;
 pub mod linear;
 pub mod mask;
 pub mod norm;

@@ -27,6 +27,21 @@ pub enum Family {
     BodyPoint,
 }
 
+impl Family {
+    /// Its bit in a set of families.
+    #[must_use]
+    pub const fn bit(self) -> u8 {
+        match self {
+            Family::Root3d => 1,
+            Family::PlanarRoot => 2,
+            Family::BodyPoint => 4,
+        }
+    }
+}
+
+/// The set of all families.
+pub const FAMILIES: u8 = Family::Root3d.bit() | Family::PlanarRoot.bit() | Family::BodyPoint.bit();
+
 /// Controlled part and its wanted position, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -1,10 +1,12 @@
-//! What the user asks for, checked: anchors in metres and frames, text in words and what they say.
+//! What the user asks for, checked: anchors in metres and frames and the scaffold they make, text in words and what they say.
 //!
-//! This layer knows frames, joints and words. It does not know tokens, decoders, planners or the solver.
+//! This layer knows frames, joints and words. It does not know decoders, planners or the solver.
 
 pub mod anchors;
 pub mod bank;
 pub mod prompt;
+pub mod scaffold;
+pub mod scaffold_encoder;
 pub mod text;
 pub mod text_encoder;
 

@@ -7,7 +7,7 @@ use crate::blob::{Error, Tensors, TextConfig, TransformerConfig};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes, Stack};
 use crate::nn::embedding::Embedding;
-use crate::nn::norm::LayerNorm;
+use crate::nn::encoder::Encoder;
 use crate::nn::{Check, Interrupted};
 
 /// The encoder in flash.
@@ -15,9 +15,7 @@ use crate::nn::{Check, Interrupted};
 pub struct TextEncoder<'a> {
     vocabulary: Vocabulary<'a>,
     embedding: Embedding<'a>,
-    position: Embedding<'a>,
-    stack: Stack<'a>,
-    norm: LayerNorm<'a>,
+    encoder: Encoder<'a>,
 }
 
 impl<'a> TextEncoder<'a> {
@@ -29,11 +27,8 @@ impl<'a> TextEncoder<'a> {
         let vocabulary = Vocabulary::new(text.vocabulary);
         let words = u16::try_from(vocabulary.len()).map_err(|_| Error::Manifest)?;
         let embedding = Embedding::open(tensors, words, config.width)?;
-        let position = Embedding::open(tensors, text.max_words, config.width)?;
-        let stack = Stack::open(tensors, config, None)?;
-        stack.bound(embedding.bound() + position.bound(), 0.0)?;
-        let norm = LayerNorm::open(tensors, config.width, config.epsilon)?;
-        Ok(TextEncoder { vocabulary, embedding, position, stack, norm })
+        let encoder = Encoder::open(tensors, text.max_words, config, embedding.bound())?;
+        Ok(TextEncoder { vocabulary, embedding, encoder })
     }
 
     /// The words it knows.
@@ -45,25 +40,25 @@ impl<'a> TextEncoder<'a> {
     /// A bound of memory and pooled vector.
     #[must_use]
     pub fn bound(&self) -> f32 {
-        self.norm.bound()
+        self.encoder.bound()
     }
 
     /// Its blocks.
     #[must_use]
     pub const fn stack(&self) -> &Stack<'a> {
-        &self.stack
+        self.encoder.stack()
     }
 
     /// What a [`Scratch`] must serve for `words` words.
     #[must_use]
     pub fn sizes(&self, words: usize) -> Sizes {
-        self.stack.sizes(words, 0)
+        self.stack().sizes(words, 0, 0)
     }
 
     /// Multiply-accumulates of a text of `words` words.
     #[must_use]
     pub fn macs(&self, words: usize) -> u64 {
-        self.stack.macs(words, 0)
+        self.stack().macs(words, 0, 0)
     }
 
     /// Encodes `words` into `memory [n][dt]` and `pooled [dt]`. `own` has room for as many rows.
@@ -79,27 +74,10 @@ impl<'a> TextEncoder<'a> {
         scratch: &mut Scratch<'_>,
         check: Check<'_>,
     ) -> Result<(), Interrupted> {
-        let width = pooled.len().max(1);
-        for (i, (word, row)) in words.iter().zip(memory.chunks_exact_mut(width)).enumerate() {
-            row.fill(0.0);
+        memory.fill(0.0);
+        for (word, row) in words.iter().zip(memory.chunks_exact_mut(pooled.len().max(1))) {
             self.embedding.add(usize::from(*word), row);
-            self.position.add(i, row);
         }
-        for block in self.stack.blocks() {
-            block.forward(memory, own, None, None, scratch);
-            check()?;
-        }
-        self.norm.forward_in_place(memory);
-        pooled.fill(0.0);
-        for row in memory.chunks_exact(width) {
-            for (sum, v) in pooled.iter_mut().zip(row) {
-                *sum += *v;
-            }
-        }
-        let count = words.len() as f32;
-        for v in pooled {
-            *v /= count;
-        }
-        Ok(())
+        self.encoder.forward(memory, pooled, own, scratch, check)
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! prompt ──► memory, pooled ──► keys and values a block      once a request, with guidance also without text
+//! anchors ─► scaffold ──► keys and values a block, rows' shares    once a request, for all passes
 //! z_0 random ──► pass ──► logits ──► proposals ──► z_1 ...    S steps, each position revisable throughout
 //! ```
 //!
@@ -14,8 +15,10 @@
 //! `none + g (text - none)` of the logits. The token layer is linear, so hidden rows are combined in its place: half the
 //! work, one row a position to keep.
 //!
-//! This layer knows words' memory and tokens. It does not know how tokens become motion, nor anchors.
+//! This layer knows words' memory, anchors' scaffold and tokens. It does not know how tokens become motion.
 
+pub mod condition;
+pub mod control;
 pub mod length;
 pub mod request;
 pub mod sampling;
@@ -24,6 +27,7 @@ pub mod session;
 pub mod tmd;
 pub mod transformer;
 
+pub use control::Control;
 pub use length::Length;
 pub use request::{Fixed, Planning, PlanningError};
 pub use sampling::Sampling;

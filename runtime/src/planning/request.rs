@@ -40,10 +40,12 @@ pub struct Planning<'r> {
     pub start_open: bool,
     /// The motion goes on behind its end.
     pub end_open: bool,
+    /// Whether the request's anchors condition the planner, where the blob has anchor control; otherwise they only refine.
+    pub conditioned: bool,
 }
 
 impl Default for Planning<'_> {
-    /// Ten uniform steps, guidance 2, sampled proposals, predicted length, seed 0, a whole motion.
+    /// Ten uniform steps, guidance 2, sampled proposals, predicted length, seed 0, a whole motion, conditioned by anchors.
     fn default() -> Self {
         Self::DEFAULT
     }
@@ -160,6 +162,7 @@ impl Planning<'_> {
         fixed: &[],
         start_open: false,
         end_open: false,
+        conditioned: true,
     };
 
     /// Whether the planner runs with and without text.

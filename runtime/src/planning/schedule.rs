@@ -1,5 +1,7 @@
 //! The times at which a sampler asks for proposals.
 
+use crate::angle::sin_cos;
+
 /// Times `t_k` of steps `k = 0..S`, from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -21,7 +23,10 @@ impl Schedule {
         let share = f32::from(step) / f32::from(steps);
         match self {
             Schedule::Uniform => share,
-            Schedule::Cosine => 1.0 - libm::cosf(core::f32::consts::FRAC_PI_2 * share),
+            Schedule::Cosine => {
+                let (_, cos) = sin_cos(core::f32::consts::FRAC_PI_2 * share);
+                1.0 - cos
+            }
         }
     }
 }

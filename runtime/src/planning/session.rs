@@ -1,10 +1,12 @@
 //! The planner with its buffers: reads a prompt once, then proposes and advances tokens step by step.
 
+use super::condition::Condition;
+use super::control::Control;
 use super::length;
 use super::request::Planning;
 use super::sampling::Sampling;
 use super::tmd::{Metric, Step, Tmd};
-use super::transformer::{Condition, Input, Planner};
+use super::transformer::{Input, Planner};
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::decoding::codebook::Codebooks;
 use crate::hash::Stream;
@@ -13,6 +15,7 @@ use crate::nn::block::{Scratch, Sizes};
 use crate::nn::conv1d::BLOCK;
 use crate::nn::{Check, Interrupted};
 use crate::perception::Text;
+use crate::perception::anchors::AnchorSet;
 use crate::perception::bank;
 use crate::perception::prompt::{Heard, Prompt, PromptError};
 use crate::perception::text::NONE;
@@ -26,6 +29,8 @@ pub struct Limits {
     pub steps: u16,
     /// Whether guidance is on.
     pub guided: bool,
+    /// Whether anchors condition the planner; of no account when the blob has no anchor control.
+    pub anchors: bool,
 }
 
 /// Modules of a model that a session works with.
@@ -35,6 +40,8 @@ pub struct Modules<'m, 'b> {
     pub text: &'m Text<'b>,
     /// Planner.
     pub planner: &'m Planner<'b>,
+    /// What anchors tell the planner.
+    pub control: Option<&'m Control<'b>>,
     /// The metric's code vectors.
     pub codebooks: &'m Codebooks<'b>,
 }
@@ -45,16 +52,25 @@ struct Lengths {
     words: usize,
     /// Rows of the prompt that says nothing; 0 without guidance.
     none: usize,
+    /// Rows of the anchors' keys and values, rows that anchors tell something; 0 without them.
+    anchors: (usize, usize),
     tokens: usize,
-    /// The longer of memory and planner rows.
+    /// The longest of memory, scaffold and planner rows.
     x: usize,
     own: usize,
     own_scales: usize,
     hidden: usize,
+    /// The larger of a block's logits and what reading anchors needs.
+    logits: usize,
     sizes: Sizes,
 }
 
-impl Modules<'_, '_> {
+impl<'m, 'b> Modules<'m, 'b> {
+    /// Anchor control, where the blob has it and anchors are to condition the planner.
+    fn control(&self, limits: &Limits) -> Option<&'m Control<'b>> {
+        self.control.filter(|_| limits.anchors)
+    }
+
     /// Rows of the prompt that says nothing.
     fn none_rows(&self) -> usize {
         match self.text.encoder() {
@@ -69,7 +85,9 @@ impl Modules<'_, '_> {
         let (words, memory) = (limits.words, most(limits.words, none));
         let (d, dt) = (self.planner.width(), self.text.width());
         let rows = 1 + tokens;
-        let mut sizes = self.planner.sizes(tokens, memory);
+        let control = self.control(limits);
+        let anchors = control.map_or((0, 0), |control| (tokens, control.shares(tokens)));
+        let mut sizes = self.planner.sizes(tokens, anchors.0, memory);
         sizes = sizes.with(Sizes { outputs: self.text.length().outputs(), inputs: dt, ..Sizes::default() });
         let (mut own, mut own_scales) = (rows * d, rows * self.planner.heads().count);
         if let Some(encoder) = self.text.encoder() {
@@ -77,14 +95,25 @@ impl Modules<'_, '_> {
             own = most(own, memory * dt);
             own_scales = most(own_scales, memory * encoder.stack().heads().count);
         }
+        let (mut x, mut logits) = (most(memory * dt, rows * d), BLOCK * self.planner.codes());
+        if let Some(control) = control {
+            let scaffold = control.scaffold();
+            sizes = sizes.with(control.sizes(tokens));
+            own = most(own, tokens * scaffold.width());
+            own_scales = most(own_scales, tokens * scaffold.heads().count);
+            x = most(x, tokens * scaffold.width());
+            logits = most(logits, control.work());
+        }
         Lengths {
             words,
             none,
+            anchors,
             tokens,
-            x: most(memory * dt, rows * d),
+            x,
             own,
             own_scales,
             hidden: if limits.guided { tokens * d } else { 0 },
+            logits,
             sizes,
         }
     }
@@ -94,9 +123,9 @@ impl Modules<'_, '_> {
     pub fn bytes(&self, tokens: usize, limits: &Limits) -> usize {
         let l = self.lengths(tokens, limits);
         let codes = self.planner.codes();
-        let none = if limits.guided { Condition::bytes(self.planner, l.none) } else { 0 };
-        Condition::bytes(self.planner, l.words)
-            + none
+        Condition::bytes(self.planner, l.words, 1)
+            + Condition::bytes(self.planner, l.none, usize::from(limits.guided))
+            + Condition::bytes(self.planner, l.anchors.0, l.anchors.1)
             + bytes_of::<u16>(l.words)
             + bytes_of::<f32>(self.text.width())
             + bytes_of::<f32>(self.text.length().outputs())
@@ -106,12 +135,12 @@ impl Modules<'_, '_> {
             + bytes_of::<f32>(l.hidden)
             + Scratch::bytes(&l.sizes)
             + bytes_of::<f32>(Metric::len(self.codebooks))
-            + bytes_of::<f32>(BLOCK * codes)
+            + bytes_of::<f32>(l.logits)
             + bytes_of::<f32>(codes)
             + bytes_of::<u16>(l.tokens)
     }
 
-    /// Multiply-accumulates of a plan at most: text read, all passes, logits and distances of every position and step.
+    /// Multiply-accumulates of a plan at most: text and anchors read, all passes, logits and distances of every position and step.
     #[must_use]
     pub fn macs(&self, tokens: usize, limits: &Limits) -> u64 {
         let none = if limits.guided { self.none_rows() } else { 0 };
@@ -119,9 +148,10 @@ impl Modules<'_, '_> {
         let each = |rows: usize| {
             if rows == 0 { 0 } else { encode(rows) + self.planner.read_macs(rows) }
         };
-        let read = each(limits.words) + each(none) + self.text.length().macs();
-        let guided = if none == 0 { 0 } else { self.planner.pass_macs(tokens, none) };
-        let passes = self.planner.pass_macs(tokens, limits.words) + guided;
+        let (anchors, scaffold) = self.control(limits).map_or((0, 0), |control| (tokens, control.macs(tokens)));
+        let read = each(limits.words) + each(none) + self.text.length().macs() + scaffold;
+        let guided = if none == 0 { 0 } else { self.planner.pass_macs(tokens, anchors, none) };
+        let passes = self.planner.pass_macs(tokens, anchors, limits.words) + guided;
         let position = self.planner.logits_macs() + Metric::len(self.codebooks) as u64;
         read + u64::from(limits.steps) * (passes + tokens as u64 * position)
     }
@@ -141,13 +171,14 @@ pub struct Session<'m, 'b, 'w> {
     modules: Modules<'m, 'b>,
     text: Condition<'w>,
     none: Condition<'w>,
+    anchors: Condition<'w>,
     /// `[words]`
     words: &'w mut [u16],
     /// `[dt]`
     pooled: &'w mut [f32],
     /// `[max_tokens]`
     lengths: &'w mut [f32],
-    /// Memory `[n][dt]` while text is read, then rows `[1 + L][d]`.
+    /// Memory `[n][dt]` while text is read, the scaffold `[L][ds]` while anchors are, then rows `[1 + L][d]`.
     x: &'w mut [f32],
     keys: &'w mut [i8],
     values: &'w mut [i8],
@@ -157,13 +188,15 @@ pub struct Session<'m, 'b, 'w> {
     hidden: &'w mut [f32],
     scratch: Scratch<'w>,
     metric: Metric<'w>,
-    /// `[BLOCK][V]`
+    /// `[BLOCK][V]`, before that scratch of reading anchors.
     logits: &'w mut [f32],
     /// `[V]`
     weights: &'w mut [f32],
     /// `[L]`
     proposal: &'w mut [u16],
     predicted: usize,
+    /// Whether there is room for anchors.
+    anchored: bool,
 }
 
 impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
@@ -181,8 +214,9 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let codes = modules.planner.codes();
         Ok(Session {
             modules,
-            text: Condition::new(modules.planner, arena, l.words)?,
-            none: if limits.guided { Condition::new(modules.planner, arena, l.none)? } else { Condition::none() },
+            text: Condition::new(modules.planner, arena, l.words, 1)?,
+            none: Condition::new(modules.planner, arena, l.none, usize::from(limits.guided))?,
+            anchors: Condition::new(modules.planner, arena, l.anchors.0, l.anchors.1)?,
             words: arena.take(l.words)?,
             pooled: arena.take(modules.text.width())?,
             lengths: arena.take(modules.text.length().outputs())?,
@@ -194,10 +228,11 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             hidden: arena.take(l.hidden)?,
             scratch: Scratch::new(arena, &l.sizes)?,
             metric: Metric::new(modules.codebooks, arena.take(Metric::len(modules.codebooks))?),
-            logits: arena.take(BLOCK * codes)?,
+            logits: arena.take(l.logits)?,
             weights: arena.take(codes)?,
             proposal: arena.take(l.tokens)?,
             predicted: 0,
+            anchored: l.anchors.0 > 0,
         })
     }
 
@@ -270,6 +305,29 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         planner.read(memory, self.pooled, condition, &mut self.scratch, check)
     }
 
+    /// Reads the anchors of a motion of `tokens` tokens, no more than the session was made for: from here on they condition every
+    /// pass. Without room for them ([`Limits::anchors`]), or with none of a family that the planner was trained for, nothing
+    /// happens.
+    ///
+    /// # Errors
+    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    pub fn anchor(&mut self, anchors: &AnchorSet, tokens: usize, check: Check<'_>) -> Result<(), Interrupted> {
+        let Modules { planner, control: Some(control), .. } = self.modules else { return Ok(()) };
+        let scaffold = control.scaffold();
+        let Some(h) = self.x.get_mut(..tokens * scaffold.width()) else { return Ok(()) };
+        if !self.anchored || !anchors.iter().any(|anchor| scaffold.sees(anchor.family)) {
+            return Ok(());
+        }
+        let mut own = SegmentMut {
+            rows: tokens,
+            keys: self.keys,
+            key_scales: self.key_scales,
+            values: self.values,
+            value_scales: self.value_scales,
+        };
+        control.read(planner, anchors, h, &mut own, &mut self.anchors, self.logits, &mut self.scratch, check)
+    }
+
     /// The sampler's constants.
     #[must_use]
     pub const fn tmd(&self) -> &'m Tmd {
@@ -315,14 +373,14 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             value_scales: self.value_scales,
         };
         let input = Input { tokens, time, planning };
-        planner.forward(&input, &self.text, x, &mut own, &mut self.scratch, check)?;
+        planner.forward(&input, &self.text, &self.anchors, x, &mut own, &mut self.scratch, check)?;
         if !planning.guided() || self.hidden.is_empty() {
             return Ok(());
         }
         for (to, from) in self.hidden.iter_mut().zip(x.iter().skip(width)) {
             *to = *from;
         }
-        planner.forward(&input, &self.none, x, &mut own, &mut self.scratch, check)?;
+        planner.forward(&input, &self.none, &self.anchors, x, &mut own, &mut self.scratch, check)?;
         for (none, text) in x.iter_mut().skip(width).zip(self.hidden.iter()) {
             *none += planning.guidance * (*text - *none);
         }
@@ -353,7 +411,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         for first in (0..count).step_by(BLOCK) {
             let _ = self.block(first, count);
             let positions = tokens.iter_mut().zip(self.proposal.iter_mut()).enumerate().skip(first);
-            for (logits, (i, (token, proposal))) in self.logits.chunks_exact_mut(codes).zip(positions) {
+            for (logits, (i, (token, proposal))) in self.logits.chunks_exact_mut(codes).take(BLOCK).zip(positions) {
                 let proposed = sampling.propose(logits, stream);
                 let draws = (stream.unit(), stream.unit());
                 if planning.fixed_at(i).is_some() {

@@ -6,15 +6,16 @@
 //! token i is given); blocks with self-attention over all rows and cross-attention to the text memory;
 //! `h = LN x`, `logits_i = token h_{1+i} + bias`, the token embeddings once more.
 //!
-//! Conditions to come have their seams: self-attention reads a further segment of keys and values a block
-//! ([`crate::nn::block::Block::forward`], `extra`), and rows 1 + i are sums that another row may join.
+//! With anchors that condition it ([`super::control`]), self-attention reads their keys and values beside its own, and what they tell
+//! a row joins its sum as the last term. Without them nothing is added and nothing read: the bits are those of a planner that
+//! knows no anchors.
 
+use super::condition::Condition;
 use super::request::MAX_GUIDANCE;
 use super::tmd::Tmd;
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{Error, PlannerConfig, Sampler, Tensors};
 use crate::model::MAX_MAGNITUDE;
-use crate::nn::attention::{Heads, Segment, SegmentMut};
+use crate::nn::attention::{Heads, SegmentMut};
 use crate::nn::block::{Scratch, Sizes, Stack, below};
 use crate::nn::conv1d::larger;
 use crate::nn::embedding::{Embedding, add_row};
@@ -32,6 +33,8 @@ const BOUNDARIES: u16 = 4;
 #[derive(Debug, Clone, Copy)]
 pub struct Planner<'a> {
     tmd: Tmd,
+    /// Index of its first tensor.
+    first: u16,
     global: Linear<'a>,
     time: Embedding<'a>,
     boundary: Embedding<'a>,
@@ -54,91 +57,8 @@ pub struct Input<'i> {
     pub planning: &'i super::Planning<'i>,
 }
 
-/// What the planner knows of a text: row 0's share of it, and keys and values of every block's cross-attention.
-#[derive(Debug)]
-pub struct Condition<'w> {
-    rows: usize,
-    /// `[d]`
-    global: &'w mut [f32],
-    /// `[layers][H][n][dh]`
-    keys: &'w mut [i8],
-    /// `[layers][H][n]`
-    key_scales: &'w mut [f32],
-    /// `[layers][H][n][dh]`
-    values: &'w mut [i8],
-    /// `[layers][H][n]`
-    value_scales: &'w mut [f32],
-}
-
-impl<'w> Condition<'w> {
-    /// Arena bytes of [`Condition::new`].
-    #[must_use]
-    pub fn bytes(planner: &Planner<'_>, rows: usize) -> usize {
-        let (layers, heads) = (planner.layers(), planner.stack.heads());
-        bytes_of::<f32>(planner.width())
-            + 2 * bytes_of::<i8>(layers * rows * heads.count * heads.width)
-            + 2 * bytes_of::<f32>(layers * rows * heads.count)
-    }
-
-    /// Takes the buffers for texts of up to `rows` rows.
-    ///
-    /// # Errors
-    /// [`ArenaTooSmall`].
-    pub fn new(planner: &Planner<'_>, arena: &mut Arena<'w>, rows: usize) -> Result<Self, ArenaTooSmall> {
-        let (layers, heads) = (planner.layers(), planner.stack.heads());
-        let (numbers, scales) = (layers * rows * heads.count * heads.width, layers * rows * heads.count);
-        Ok(Condition {
-            rows: 0,
-            global: arena.take(planner.width())?,
-            keys: arena.take(numbers)?,
-            values: arena.take(numbers)?,
-            key_scales: arena.take(scales)?,
-            value_scales: arena.take(scales)?,
-        })
-    }
-
-    /// Without room for anything.
-    #[must_use]
-    pub const fn none() -> Self {
-        Condition {
-            rows: 0,
-            global: &mut [],
-            keys: &mut [],
-            key_scales: &mut [],
-            values: &mut [],
-            value_scales: &mut [],
-        }
-    }
-
-    fn layer(&self, heads: Heads, layer: usize) -> Segment<'_> {
-        let (scales, numbers) = (self.rows * heads.count, self.rows * heads.count * heads.width);
-        let of_scales = layer * scales..(layer + 1) * scales;
-        let of_numbers = layer * numbers..(layer + 1) * numbers;
-        Segment {
-            rows: self.rows,
-            keys: self.keys.get(of_numbers.clone()).unwrap_or(&[]),
-            key_scales: self.key_scales.get(of_scales.clone()).unwrap_or(&[]),
-            values: self.values.get(of_numbers).unwrap_or(&[]),
-            value_scales: self.value_scales.get(of_scales).unwrap_or(&[]),
-        }
-    }
-
-    fn layer_mut(&mut self, heads: Heads, layer: usize) -> SegmentMut<'_> {
-        let (scales, numbers) = (self.rows * heads.count, self.rows * heads.count * heads.width);
-        let of_scales = layer * scales..(layer + 1) * scales;
-        let of_numbers = layer * numbers..(layer + 1) * numbers;
-        SegmentMut {
-            rows: self.rows,
-            keys: self.keys.get_mut(of_numbers.clone()).unwrap_or(&mut []),
-            key_scales: self.key_scales.get_mut(of_scales.clone()).unwrap_or(&mut []),
-            values: self.values.get_mut(of_numbers).unwrap_or(&mut []),
-            value_scales: self.value_scales.get_mut(of_scales).unwrap_or(&mut []),
-        }
-    }
-}
-
 impl<'a> Planner<'a> {
-    /// Reads the planner from the next tensors and checks that activations stay finite.
+    /// Reads the planner from the next tensors. [`Planner::check`] is to follow.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
@@ -152,7 +72,7 @@ impl<'a> Planner<'a> {
         let PlannerConfig { transformer, sampler: Sampler::Tmd { c, a } } = *config;
         let memory = u16::try_from(text.width()).map_err(|_| Error::Manifest)?;
         let width = transformer.width;
-        let index = tensors.index();
+        let first = tensors.index();
         let global = Linear::open(tensors, memory, width)?;
         let mut table = |rows| Embedding::open(tensors, rows, width);
         let (time, boundary) = (table(TIMES)?, table(BOUNDARIES)?);
@@ -161,13 +81,21 @@ impl<'a> Planner<'a> {
         let norm = LayerNorm::open(tensors, width, transformer.epsilon)?;
         let token_index = tensors.index();
         let token = Linear::open(tensors, width, codes)?;
-        let tokens = position.bound() + end.bound() + fixed.bound() + token.largest();
-        let first = global.bound(text.bound()) + time.bound() + boundary.bound();
-        let rows = below(larger(tokens, first), MAX_INPUT, index)?;
-        stack.bound(rows, text.bound())?;
         // Guidance stretches hidden rows before they meet the token layer.
         below(token.bound((1.0 + 2.0 * MAX_GUIDANCE) * norm.bound()), MAX_MAGNITUDE, token_index)?;
-        Ok(Planner { tmd: Tmd { c, a }, global, time, boundary, position, end, fixed, stack, norm, token })
+        Ok(Planner { tmd: Tmd { c, a }, first, global, time, boundary, position, end, fixed, stack, norm, token })
+    }
+
+    /// Checks that activations stay finite when anchors tell a row no more than `share` in magnitude, and keys and values of
+    /// theirs are at most `values`; 0 for neither.
+    ///
+    /// # Errors
+    /// [`Error::Unbounded`].
+    pub fn check(&self, text: &Text<'_>, (share, values): (f32, f32)) -> Result<(), Error> {
+        let tokens = self.position.bound() + self.end.bound() + self.fixed.bound() + self.token.largest();
+        let first = self.global.bound(text.bound()) + self.time.bound() + self.boundary.bound();
+        let rows = below(larger(tokens, first) + share, MAX_INPUT, self.first)?;
+        self.stack.bound(rows, text.bound(), values).map(|_| ())
     }
 
     /// The sampler's constants.
@@ -200,17 +128,17 @@ impl<'a> Planner<'a> {
         self.stack.heads()
     }
 
-    /// What a [`Scratch`] must serve for so many tokens and rows of memory.
+    /// What a [`Scratch`] must serve for so many tokens, rows of anchors and rows of memory.
     #[must_use]
-    pub fn sizes(&self, tokens: usize, memory: usize) -> Sizes {
-        let sizes = self.stack.sizes(1 + tokens, memory);
+    pub fn sizes(&self, tokens: usize, anchors: usize, memory: usize) -> Sizes {
+        let sizes = self.stack.sizes(1 + tokens, anchors, memory);
         sizes.with(Sizes { outputs: self.codes(), ..Sizes::default() })
     }
 
     /// Multiply-accumulates of one pass over `tokens` tokens, logits of all positions left out.
     #[must_use]
-    pub fn pass_macs(&self, tokens: usize, memory: usize) -> u64 {
-        self.stack.macs(1 + tokens, memory)
+    pub fn pass_macs(&self, tokens: usize, anchors: usize, memory: usize) -> u64 {
+        self.stack.macs(1 + tokens, anchors, memory)
     }
 
     /// Multiply-accumulates of one position's logits.
@@ -238,7 +166,7 @@ impl<'a> Planner<'a> {
         check: Check<'_>,
     ) -> Result<(), Interrupted> {
         condition.rows = memory.len() / pooled.len().max(1);
-        scratch.linear(&self.global, pooled, condition.global);
+        scratch.linear(&self.global, pooled, condition.shares);
         for (layer, block) in self.stack.blocks().enumerate() {
             block.read_memory(memory, &mut condition.layer_mut(self.heads(), layer), scratch);
             check()?;
@@ -246,14 +174,15 @@ impl<'a> Planner<'a> {
         Ok(())
     }
 
-    /// One pass: hidden rows `h` into `x [1 + L][d]`. `own` has room for `1 + L` rows.
+    /// One pass: hidden rows `h` into `x [1 + L][d]`, under what a text and anchors say. `own` has room for `1 + L` rows.
     ///
     /// # Errors
     /// [`Interrupted`] when `check` says so; it is asked behind every block.
     pub fn forward(
         &self,
         input: &Input<'_>,
-        condition: &Condition<'_>,
+        text: &Condition<'_>,
+        anchors: &Condition<'_>,
         x: &mut [f32],
         own: &mut SegmentMut<'_>,
         scratch: &mut Scratch<'_>,
@@ -263,7 +192,7 @@ impl<'a> Planner<'a> {
         let Input { tokens, time, planning } = *input;
         let mut rows = x.chunks_exact_mut(width);
         if let Some(row) = rows.next() {
-            for (to, from) in row.iter_mut().zip(condition.global.iter()) {
+            for (to, from) in row.iter_mut().zip(text.shares.iter()) {
                 *to = *from;
             }
             let number = (time * f32::from(TIMES)) as usize;
@@ -282,8 +211,15 @@ impl<'a> Planner<'a> {
                 self.fixed.add(0, row);
             }
         }
+        let heads = self.heads();
+        if anchors.rows > 0 {
+            for (x, share) in x.iter_mut().zip(anchors.shares.iter()) {
+                *x += *share;
+            }
+        }
         for (layer, block) in self.stack.blocks().enumerate() {
-            block.forward(x, own, None, Some(condition.layer(self.heads(), layer)), scratch);
+            let extra = if anchors.rows > 0 { Some(anchors.layer(heads, layer)) } else { None };
+            block.forward(x, own, extra, Some(text.layer(heads, layer)), scratch);
             check()?;
         }
         self.norm.forward_in_place(x);

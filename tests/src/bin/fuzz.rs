@@ -59,13 +59,14 @@ fn main() -> ExitCode {
     match fuzz::run(seed, first, cases, progress) {
         Ok(tally) => {
             println!(
-                "{} cases in {:.1} s: blobs {} refused, {} opened; requests {} refused, {} gave a motion; {} streams; files {} refused, {} read",
+                "{} cases in {:.1} s: blobs {} refused, {} opened; requests {} refused, {} gave a motion, {} of anchors inside the planner; {} streams; files {} refused, {} read",
                 tally.cases,
                 start.elapsed().as_secs_f64(),
                 tally.blobs_refused,
                 tally.blobs_opened,
                 tally.requests_refused,
                 tally.motions,
+                tally.conditioned,
                 tally.streams,
                 tally.files_refused,
                 tally.files_read

@@ -1,6 +1,6 @@
 //! Mutated blobs. Lengths and checksum are mostly repaired after the mutation, so that what lies behind them is reached.
 
-use motionette::blob::{HEADER_LEN, Header};
+use motionette::blob::{HEADER_LEN, Header, MAGIC, MAJOR};
 use motionette::hash::Stream;
 use motionette::{Anchor, Generator, Model, Prompt, Request, refining::Config};
 
@@ -120,7 +120,8 @@ fn repair(bytes: &mut [u8]) {
     }
     let total = bytes.len() as u32;
     let offset = word(bytes, 16).unwrap_or(0);
-    bytes[..6].copy_from_slice(b"MNTB\x02\x00");
+    bytes[..4].copy_from_slice(&MAGIC);
+    bytes[4..6].copy_from_slice(&MAJOR.to_le_bytes());
     bytes[8..12].copy_from_slice(&total.to_le_bytes());
     if offset <= total {
         bytes[20..24].copy_from_slice(&(total - offset).to_le_bytes());

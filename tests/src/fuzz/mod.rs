@@ -12,7 +12,7 @@ pub mod streams;
 
 use std::panic::{self, AssertUnwindSafe};
 
-use motionette::blob::{Activation, Norm, TransformerConfig};
+use motionette::blob::{Activation, ControlConfig, Norm, TransformerConfig};
 use motionette::hash::Stream;
 
 use crate::tiny::{PriorShape, Shape, Tiny};
@@ -41,6 +41,10 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
     };
     let bank = vec![("<none>", 1), ("wave", 2)];
     let stored = PriorShape { words: vec![], bank, text: post, planner: post, ..prior.clone() };
+    let scaffold = TransformerConfig { width: 3, heads: 3, ..block };
+    let control = ControlConfig { scaffold, frame_width: 2, rank: 1, context: true, families: 7 };
+    let controlled = PriorShape { control: Some(control), ..prior.clone() };
+    let two = Some(ControlConfig { scaffold: post, context: false, families: 5, ..control });
     let unplanned = PriorShape { planned: false, ..prior.clone() };
     let with = |prior: PriorShape| Shape { max_tokens: 6, prior: Some(prior), ..base.clone() };
     let shapes = [
@@ -53,8 +57,10 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
         ("three-stages", Shape { stages: 3, max_tokens: 24, ..base.clone() }),
         ("one-token", Shape { max_tokens: 1, codes: 1, ..base.clone() }),
         ("planner", with(prior)),
-        ("stored-prompts", with(stored)),
+        ("stored-prompts", with(stored.clone())),
         ("text-without-planner", with(unplanned)),
+        ("anchors", with(controlled)),
+        ("anchors-of-two-families", with(PriorShape { control: two, ..stored })),
     ];
     shapes.into_iter().enumerate().map(|(seed, (name, shape))| (name, Tiny::new(shape, seed as u64))).collect()
 }
@@ -72,6 +78,8 @@ pub struct Tally {
     pub requests_refused: u64,
     /// Requests that gave a motion.
     pub motions: u64,
+    /// Of these, motions whose planner saw anchors.
+    pub conditioned: u64,
     /// Streams whose motion was compared with the whole.
     pub streams: u64,
     /// Files that were refused.

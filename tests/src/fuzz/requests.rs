@@ -104,6 +104,11 @@ pub fn serve(
     match generator.generate(request, observer) {
         Ok(motion) => {
             tally.motions += 1;
+            let unseen = usize::from(motion.unconditioned_anchors());
+            if unseen > request.anchors.len() {
+                return Err(format!("{unseen} of {} anchors were not seen", request.anchors.len()));
+            }
+            tally.conditioned += u64::from(unseen == 0 && !request.anchors.is_empty());
             let plan = plan.map_err(|e| format!("a motion came out of a request that cannot be planned: {e}"))?;
             if motion.arena_used != plan.arena_bytes {
                 return Err(format!("planned {} arena bytes, took {}", plan.arena_bytes, motion.arena_used));
@@ -313,5 +318,6 @@ pub fn planning<'f>(random: &mut Stream, fixed: &'f [Fixed]) -> Planning<'f> {
         fixed: if random.below(3) == 0 { fixed } else { &[] },
         start_open: random.below(2) == 0,
         end_open: random.below(2) == 0,
+        conditioned: random.below(4) > 0,
     }
 }

@@ -32,7 +32,8 @@ struct Seen {
 pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), String> {
     let model = Model::open(tiny.bytes()).map_err(|e| e.to_string())?;
     let steps = 1 + random.below(4) as u16;
-    let planning = planning::Limits { words: 1 + random.below(9) as usize, steps, guided: random.below(3) > 0 };
+    let planning =
+        planning::Limits { words: 1 + random.below(9) as usize, steps, guided: random.below(3) > 0, anchors: false };
     let planning = Some(planning).filter(|_| model.planning().is_some() && random.below(4) > 0);
     let limits = StreamLimits { tokens: 1 + random.below(model.max_tokens() as u32) as usize, planning };
     let plan = StreamPlan::new(&model, &limits);

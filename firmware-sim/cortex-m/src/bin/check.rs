@@ -41,7 +41,7 @@ fn serve(
 ) -> Result<u64, Refused> {
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
-    let planning = black_box(Some(planning::Limits { words: text.len(), steps: 10, guided: true }));
+    let planning = black_box(Some(planning::Limits { words: text.len(), steps: 10, guided: true, anchors: true }));
     let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning };
     black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
@@ -65,6 +65,7 @@ fn serve(
         black_box(generator.plan(&request).map_err(Refused::Request)?);
         let motion = generator.generate(&request, &mut Watch(Flow::Continue)).map_err(Refused::Request)?;
         black_box((motion.frames(), motion.tokens(), motion.words(), motion.unknown_words()));
+        black_box(motion.unconditioned_anchors());
         hash ^= motion.hash();
     }
     let limits = black_box(StreamLimits { tokens: tokens.len(), planning });

@@ -14,15 +14,15 @@ pub const TIMES: usize = 32;
 pub const BOUNDARIES: usize = 4;
 
 /// Largest width, hidden width, code count that is believed; anything larger is a damaged option.
-const MAX_EXTENT: usize = 1 << 12;
+pub(in crate::checkpoint) const MAX_EXTENT: usize = 1 << 12;
 /// Most codes, words of a vocabulary.
 const MAX_ROWS: usize = 1 << 15;
 /// Most layers.
-const MAX_LAYERS: usize = 64;
+pub(in crate::checkpoint) const MAX_LAYERS: usize = 64;
 /// Longest word, bytes: longer ones are unknown to every vocabulary.
 pub const MAX_WORD: usize = 32;
 /// Longest prompt and longest motion, in words and tokens.
-const MAX_LENGTH: usize = 256;
+pub(in crate::checkpoint) const MAX_LENGTH: usize = 256;
 
 /// Where the norms of a block stand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -55,6 +55,49 @@ pub struct Sizes {
     pub layers: usize,
     /// Width between the two linears of the feed-forward sublayer.
     pub hidden: usize,
+}
+
+impl Sizes {
+    /// Refuses sizes that no transformer has; `name` is what the configuration calls it.
+    pub(in crate::checkpoint) fn check(&self, name: &str) -> Result<()> {
+        let key = |of: &str| format!("{name}.{of}");
+        check_extent(&key("width"), self.width, MAX_EXTENT)?;
+        check_extent(&key("heads"), self.heads, 255)?;
+        check_extent(&key("layers"), self.layers, MAX_LAYERS)?;
+        check_extent(&key("hidden"), self.hidden, MAX_EXTENT)?;
+        if self.width.is_multiple_of(self.heads) {
+            return Ok(());
+        }
+        let expected = format!("a divisor of the width {}", self.width);
+        Err(ErrorKind::Option { key: key("heads"), value: self.heads.to_string(), expected })
+    }
+}
+
+/// What the blocks of a transformer have in common besides their sizes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Form {
+    /// What norms add to the variance.
+    pub epsilon: f64,
+    /// Where the norms stand.
+    pub norm: NormOrder,
+    /// Nonlinearity of the feed-forward sublayers.
+    pub activation: Activation,
+}
+
+/// Refuses a size of 0 or beyond `max`.
+pub(in crate::checkpoint) fn check_extent(key: &str, value: usize, max: usize) -> Result<()> {
+    if (1..=max).contains(&value) {
+        return Ok(());
+    }
+    Err(ErrorKind::Option { key: key.into(), value: value.to_string(), expected: format!("1 to {max}") })
+}
+
+/// Refuses what is no positive number, also as the f32 of a blob.
+pub(in crate::checkpoint) fn check_positive(key: &str, value: f64) -> Result<()> {
+    if (value as f32).is_normal() && value > 0.0 {
+        return Ok(());
+    }
+    Err(ErrorKind::Option { key: key.into(), value: value.to_string(), expected: "a positive number".into() })
 }
 
 /// Sizes and provenance of a prior (text encoder and planner).
@@ -118,43 +161,25 @@ impl PriorConfig {
         Ok(config)
     }
 
+    /// What the blocks of both transformers have in common.
+    #[must_use]
+    pub fn form(&self) -> Form {
+        Form { epsilon: self.epsilon, norm: self.norm, activation: self.activation }
+    }
+
     /// Refuses sizes, words and numbers that no prior has.
     ///
     /// # Errors
     /// [`ErrorKind::Option`], naming the first of them.
     pub fn check(&self) -> Result<()> {
-        let refuse = |key: &str, value: String, expected: &str| {
-            Err(ErrorKind::Option { key: key.into(), value, expected: expected.into() })
-        };
-        let sizes = [
-            ("max_words", self.max_words, MAX_LENGTH),
-            ("max_tokens", self.max_tokens, MAX_LENGTH),
-            ("codes", self.codes, MAX_ROWS),
-            ("code_dim", self.code_dim, MAX_EXTENT),
-            ("text.width", self.text.width, MAX_EXTENT),
-            ("text.heads", self.text.heads, 255),
-            ("text.layers", self.text.layers, MAX_LAYERS),
-            ("text.hidden", self.text.hidden, MAX_EXTENT),
-            ("planner.width", self.planner.width, MAX_EXTENT),
-            ("planner.heads", self.planner.heads, 255),
-            ("planner.layers", self.planner.layers, MAX_LAYERS),
-            ("planner.hidden", self.planner.hidden, MAX_EXTENT),
-        ];
-        for (key, value, max) in sizes {
-            if !(1..=max).contains(&value) {
-                return refuse(key, value.to_string(), &format!("1 to {max}"));
-            }
-        }
-        for (key, sizes) in [("text.heads", self.text), ("planner.heads", self.planner)] {
-            if !sizes.width.is_multiple_of(sizes.heads) {
-                return refuse(key, sizes.heads.to_string(), &format!("a divisor of the width {}", sizes.width));
-            }
-        }
+        check_extent("max_words", self.max_words, MAX_LENGTH)?;
+        check_extent("max_tokens", self.max_tokens, MAX_LENGTH)?;
+        check_extent("codes", self.codes, MAX_ROWS)?;
+        check_extent("code_dim", self.code_dim, MAX_EXTENT)?;
+        self.text.check("text")?;
+        self.planner.check("planner")?;
         for (key, value) in [("epsilon", self.epsilon), ("c", self.c), ("a", self.a)] {
-            // Also as the f32 of a blob.
-            if !((value as f32).is_normal() && value > 0.0) {
-                return refuse(key, value.to_string(), "a positive number");
-            }
+            check_positive(key, value)?;
         }
         self.check_vocabulary()
     }

@@ -3,11 +3,13 @@
 //! Linears are torch's, `y = W x + b` with `W` `[out][in]`. The order in which [`PriorCheckpoint::text_parts`] and
 //! [`PriorCheckpoint::planner_parts`] list the parts is that of a blob.
 
-mod config;
+pub(super) mod config;
 
 use std::path::Path;
 
-pub use config::{Activation, BOUNDARIES, MAX_WORD, NONE, NormOrder, PriorConfig, Sizes, TIMES, UNKNOWN};
+pub use config::{Activation, BOUNDARIES, Form, MAX_WORD, NONE, NormOrder, PriorConfig, Sizes, TIMES, UNKNOWN};
+
+use sha2::{Digest, Sha256};
 
 use super::error::{Error, ErrorKind, Result};
 use super::tensors::TensorMap;
@@ -156,6 +158,19 @@ pub enum Part<'a> {
     Norm(&'a LayerNorm),
 }
 
+impl<'a> Part<'a> {
+    /// Its tensors by their names in a checkpoint.
+    fn tensors(self) -> Vec<(String, &'a [f32])> {
+        let (name, weight, bias) = match self {
+            Part::Linear(linear) => (&linear.name, &linear.weight, Some(&linear.bias)),
+            Part::Embedding(table) => (&table.name, &table.weight, None),
+            Part::Norm(norm) => (&norm.name, &norm.weight, Some(&norm.bias)),
+        };
+        let bias = bias.map(|bias| (format!("{name}.bias"), bias.as_slice()));
+        core::iter::once((format!("{name}.weight"), weight.as_slice())).chain(bias).collect()
+    }
+}
+
 /// Anything with weights, to change it.
 #[derive(Debug)]
 pub enum PartMut<'a> {
@@ -184,45 +199,42 @@ pub struct PriorCheckpoint {
 /// [`Error`] with the path and what is wrong.
 pub fn load(path: &Path) -> core::result::Result<PriorCheckpoint, Error> {
     let read = || -> Result<PriorCheckpoint> {
-        let (map, metadata) = super::tensors_of(&std::fs::read(path)?)?;
-        super::expect_entry("format", metadata.get("format"), FORMAT)?;
-        super::expect_entry("version", metadata.get("version"), VERSION)?;
-        let text = metadata.get("config").ok_or_else(|| ErrorKind::MissingOption { key: "config".into() })?;
-        PriorCheckpoint::build(&map, PriorConfig::from_json(text)?)
+        let (map, config) = super::of_format(&std::fs::read(path)?, FORMAT, VERSION)?;
+        PriorCheckpoint::build(&map, PriorConfig::from_json(&config)?)
     };
     read().map_err(|kind| Error { path: path.to_owned(), kind })
 }
 
 /// Takes tensors out of a map.
-struct Builder<'a> {
-    map: &'a TensorMap,
+pub(super) struct Builder<'a> {
+    pub(super) map: &'a TensorMap,
 }
 
 impl Builder<'_> {
-    fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
+    pub(super) fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
         let shape: Vec<Option<usize>> = shape.iter().copied().map(Some).collect();
         Ok(self.map.get(name, &shape)?.data.clone())
     }
 
-    fn linear(&self, name: String, outputs: usize, inputs: usize) -> Result<Linear> {
+    pub(super) fn linear(&self, name: String, outputs: usize, inputs: usize) -> Result<Linear> {
         let weight = self.tensor(&format!("{name}.weight"), &[outputs, inputs])?;
         let bias = self.tensor(&format!("{name}.bias"), &[outputs])?;
         Ok(Linear { name, outputs, inputs, weight, bias })
     }
 
-    fn embedding(&self, name: &str, rows: usize, width: usize) -> Result<Embedding> {
+    pub(super) fn embedding(&self, name: &str, rows: usize, width: usize) -> Result<Embedding> {
         let weight = self.tensor(&format!("{name}.weight"), &[rows, width])?;
         Ok(Embedding { name: name.to_owned(), rows, width, weight })
     }
 
-    fn norm(&self, name: String, width: usize) -> Result<LayerNorm> {
+    pub(super) fn norm(&self, name: String, width: usize) -> Result<LayerNorm> {
         let weight = self.tensor(&format!("{name}.weight"), &[width])?;
         let bias = self.tensor(&format!("{name}.bias"), &[width])?;
         Ok(LayerNorm { name, weight, bias })
     }
 
     /// `memory`: width of the rows that cross-attention looks at.
-    fn layers(&self, base: &str, sizes: Sizes, memory: Option<usize>) -> Result<Vec<Block>> {
+    pub(super) fn layers(&self, base: &str, sizes: Sizes, memory: Option<usize>) -> Result<Vec<Block>> {
         let Sizes { width, hidden, .. } = sizes;
         let cross = |name: &str, memory: usize| -> Result<CrossAttention> {
             Ok(CrossAttention {
@@ -302,6 +314,14 @@ impl PriorCheckpoint {
         Err(ErrorKind::OtherTokenizer { expected: self.config.tokenizer.clone(), actual })
     }
 
+    /// [`weights_hash`] of all tensors: how a control checkpoint names the prior it was trained on.
+    #[must_use]
+    pub fn weights_hash(&self) -> String {
+        let parts = self.text_parts().into_iter().chain(self.planner_parts());
+        let tensors: Vec<(String, &[f32])> = parts.flat_map(Part::tensors).collect();
+        weights_hash(tensors.iter().map(|(name, values)| (name.as_str(), *values)))
+    }
+
     /// Parts of the text encoder in the order of a blob.
     #[must_use]
     pub fn text_parts(&self) -> Vec<Part<'_>> {
@@ -341,7 +361,7 @@ impl PriorCheckpoint {
 }
 
 impl Block {
-    fn parts<'a>(&'a self, parts: &mut Vec<Part<'a>>) {
+    pub(super) fn parts<'a>(&'a self, parts: &mut Vec<Part<'a>>) {
         parts.extend([Part::Norm(&self.norm1), Part::Linear(&self.qkv), Part::Linear(&self.output)]);
         if let Some(c) = &self.cross {
             parts.push(Part::Norm(&c.norm));
@@ -350,7 +370,7 @@ impl Block {
         parts.extend([Part::Norm(&self.norm2), Part::Linear(&self.expand), Part::Linear(&self.contract)]);
     }
 
-    fn parts_mut<'a>(&'a mut self, parts: &mut Vec<PartMut<'a>>) {
+    pub(super) fn parts_mut<'a>(&'a mut self, parts: &mut Vec<PartMut<'a>>) {
         parts.extend([
             PartMut::Norm(&mut self.norm1),
             PartMut::Linear(&mut self.qkv),
@@ -371,9 +391,25 @@ impl Block {
 /// SHA-256, hex, over the little-endian bytes of the values of all codebooks: how a prior names its tokenizer.
 #[must_use]
 pub fn codebook_hash<'c>(values: impl IntoIterator<Item = &'c f32>) -> String {
-    use sha2::{Digest, Sha256};
     let mut hash = Sha256::new();
     values.into_iter().for_each(|v| hash.update(v.to_le_bytes()));
+    hex(hash)
+}
+
+/// SHA-256, hex, over named tensors in the order of their names: the bytes of the name, then the little-endian bytes of the values.
+#[must_use]
+pub fn weights_hash<'t>(tensors: impl IntoIterator<Item = (&'t str, &'t [f32])>) -> String {
+    let mut tensors: Vec<(&str, &[f32])> = tensors.into_iter().collect();
+    tensors.sort_unstable_by_key(|(name, _)| *name);
+    let mut hash = Sha256::new();
+    for (name, values) in tensors {
+        hash.update(name);
+        values.iter().for_each(|v| hash.update(v.to_le_bytes()));
+    }
+    hex(hash)
+}
+
+fn hex(hash: Sha256) -> String {
     hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }
 

@@ -1,0 +1,141 @@
+//! Anchors to a scaffold, one row a token (EQUATIONS section 3).
+//!
+//! `f_t = relu(frame c_t)`, `h_l = merge [f of the token's frames, one behind another]`, then an [`Encoder`]: positions, blocks,
+//! norm, mean. Features `c_t` are those of [`super::scaffold`].
+
+use super::anchors::{AnchorSet, Family};
+use super::scaffold::{LIMIT, Scaffold, Statistics, WIDTH};
+use crate::blob::{Activation, ControlConfig, Error, Tensors};
+use crate::nn::attention::{Heads, SegmentMut};
+use crate::nn::block::{Scratch, Sizes, below};
+use crate::nn::conv1d::BLOCK;
+use crate::nn::encoder::Encoder;
+use crate::nn::linear::Linear;
+use crate::nn::norm::MAX_INPUT;
+use crate::nn::{Check, Interrupted, activation};
+
+/// The encoder in flash.
+#[derive(Debug, Clone, Copy)]
+pub struct ScaffoldEncoder<'a> {
+    families: u8,
+    /// Frames a second.
+    rate: f32,
+    statistics: Statistics<'a>,
+    frame: Linear<'a>,
+    merge: Linear<'a>,
+    encoder: Encoder<'a>,
+}
+
+impl<'a> ScaffoldEncoder<'a> {
+    /// Reads the encoder from the next tensors, for motions of `rate` frames a second, `frames` of them a token and at most
+    /// `max_tokens` tokens, and checks that activations stay finite.
+    ///
+    /// # Errors
+    /// Any [`Error`] of a tensor or configuration value.
+    pub fn open(
+        tensors: &mut Tensors<'a>,
+        config: &ControlConfig,
+        rate: u16,
+        frames: u16,
+        max_tokens: u16,
+    ) -> Result<Self, Error> {
+        let ControlConfig { scaffold, frame_width, families, .. } = *config;
+        let statistics = Statistics::open(tensors)?;
+        let index = tensors.index();
+        let frame = Linear::open(tensors, WIDTH as u16, frame_width)?;
+        let merge = Linear::open(tensors, frames.saturating_mul(frame_width), scaffold.width)?;
+        let merged = merge.bound(below(frame.bound(LIMIT), MAX_INPUT, index)?);
+        let encoder = Encoder::open(tensors, max_tokens, scaffold, merged)?;
+        Ok(ScaffoldEncoder { families, rate: f32::from(rate), statistics, frame, merge, encoder })
+    }
+
+    /// Whether it was trained for anchors of a family; it passes over others.
+    #[must_use]
+    pub const fn sees(&self, family: Family) -> bool {
+        family.bit() & self.families != 0
+    }
+
+    /// A bound of the scaffold and of its mean.
+    #[must_use]
+    pub fn bound(&self) -> f32 {
+        self.encoder.bound()
+    }
+
+    /// Width of a row, `ds`.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.merge.outputs()
+    }
+
+    /// How the width is split.
+    #[must_use]
+    pub const fn heads(&self) -> Heads {
+        self.encoder.stack().heads()
+    }
+
+    /// What a [`Scratch`] must serve for so many tokens.
+    #[must_use]
+    pub fn sizes(&self, tokens: usize) -> Sizes {
+        let inputs = [WIDTH, self.merge.inputs()];
+        let sizes = self.encoder.stack().sizes(tokens, 0, 0);
+        inputs.into_iter().fold(sizes, |sizes, inputs| {
+            sizes.with(Sizes { inputs, outputs: self.frame.outputs(), ..Sizes::default() })
+        })
+    }
+
+    /// Numbers of `work` in [`ScaffoldEncoder::encode`].
+    #[must_use]
+    pub const fn work(&self) -> usize {
+        Scaffold::NUMBERS + BLOCK * WIDTH + self.merge.inputs()
+    }
+
+    /// Multiply-accumulates of a scaffold of so many tokens.
+    #[must_use]
+    pub fn macs(&self, tokens: usize) -> u64 {
+        let frames = self.merge.inputs() / self.frame.outputs().max(1);
+        let each = frames as u64 * self.frame.macs() + self.merge.macs();
+        tokens as u64 * each + self.encoder.stack().macs(tokens, 0, 0)
+    }
+
+    /// Encodes `anchors` into `x [L][ds]` and its mean into `mean [ds]`. `own` has room for as many rows, `work` for
+    /// [`ScaffoldEncoder::work`] numbers.
+    ///
+    /// # Errors
+    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    pub fn encode(
+        &self,
+        anchors: &AnchorSet,
+        x: &mut [f32],
+        mean: &mut [f32],
+        own: &mut SegmentMut<'_>,
+        work: &mut [f32],
+        scratch: &mut Scratch<'_>,
+        check: Check<'_>,
+    ) -> Result<(), Interrupted> {
+        self.read(anchors, x, work, scratch);
+        self.encoder.forward(x, mean, own, scratch, check)
+    }
+
+    /// Rows `h_l` of the scaffold.
+    #[inline(never)]
+    fn read(&self, anchors: &AnchorSet, x: &mut [f32], work: &mut [f32], scratch: &mut Scratch<'_>) {
+        let (bends, work) = work.split_at_mut_checked(Scaffold::NUMBERS).unwrap_or_default();
+        let (features, work) = work.split_at_mut_checked(BLOCK * WIDTH).unwrap_or_default();
+        let merged = work.get_mut(..self.merge.inputs()).unwrap_or_default();
+        let scaffold = Scaffold::new(anchors, self.families, self.statistics, self.rate, bends);
+        let width = self.frame.outputs().max(1);
+        let mut frame = 0;
+        for row in x.chunks_exact_mut(self.width().max(1)) {
+            for rows in merged.chunks_mut((BLOCK * width).max(1)) {
+                let features = features.get_mut(..rows.len() / width * WIDTH).unwrap_or_default();
+                for c in features.chunks_exact_mut(WIDTH) {
+                    scaffold.features(frame, c);
+                    frame += 1;
+                }
+                scratch.linear(&self.frame, features, rows);
+            }
+            activation::apply(Activation::Relu, merged);
+            scratch.linear(&self.merge, merged, row);
+        }
+    }
+}

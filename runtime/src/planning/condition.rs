@@ -1,0 +1,87 @@
+//! What the planner's rows and blocks are told beside its tokens: by a text, or by anchors.
+
+use super::transformer::Planner;
+use crate::arena::{Arena, ArenaTooSmall, bytes_of};
+use crate::nn::attention::{Heads, Segment, SegmentMut};
+
+/// Shares of the planner's first rows, and keys and values for each of its blocks.
+#[derive(Debug)]
+pub struct Condition<'w> {
+    /// Rows `n` that each block attends to; 0: there are none.
+    pub rows: usize,
+    /// What row `i` is told, `[shares][d]`.
+    pub shares: &'w mut [f32],
+    /// `[layers][H][n][dh]`
+    keys: &'w mut [i8],
+    /// `[layers][H][n]`
+    key_scales: &'w mut [f32],
+    /// `[layers][H][n][dh]`
+    values: &'w mut [i8],
+    /// `[layers][H][n]`
+    value_scales: &'w mut [f32],
+}
+
+impl<'w> Condition<'w> {
+    /// Arena bytes of [`Condition::new`].
+    #[must_use]
+    pub fn bytes(planner: &Planner<'_>, rows: usize, shares: usize) -> usize {
+        let (numbers, scales) = lengths(planner.heads(), planner.layers(), rows);
+        bytes_of::<f32>(shares * planner.width()) + 2 * bytes_of::<i8>(numbers) + 2 * bytes_of::<f32>(scales)
+    }
+
+    /// Takes the buffers for up to `rows` rows of keys and values, and `shares` rows of the planner.
+    ///
+    /// # Errors
+    /// [`ArenaTooSmall`].
+    pub fn new(
+        planner: &Planner<'_>,
+        arena: &mut Arena<'w>,
+        rows: usize,
+        shares: usize,
+    ) -> Result<Self, ArenaTooSmall> {
+        let (numbers, scales) = lengths(planner.heads(), planner.layers(), rows);
+        Ok(Condition {
+            rows: 0,
+            shares: arena.take(shares * planner.width())?,
+            keys: arena.take(numbers)?,
+            values: arena.take(numbers)?,
+            key_scales: arena.take(scales)?,
+            value_scales: arena.take(scales)?,
+        })
+    }
+
+    /// Keys and values of a block.
+    #[must_use]
+    pub fn layer(&self, heads: Heads, layer: usize) -> Segment<'_> {
+        let (numbers, scales) = lengths(heads, 1, self.rows);
+        let of_scales = layer * scales..(layer + 1) * scales;
+        let of_numbers = layer * numbers..(layer + 1) * numbers;
+        Segment {
+            rows: self.rows,
+            keys: self.keys.get(of_numbers.clone()).unwrap_or(&[]),
+            key_scales: self.key_scales.get(of_scales.clone()).unwrap_or(&[]),
+            values: self.values.get(of_numbers).unwrap_or(&[]),
+            value_scales: self.value_scales.get(of_scales).unwrap_or(&[]),
+        }
+    }
+
+    /// The same, to be written.
+    pub fn layer_mut(&mut self, heads: Heads, layer: usize) -> SegmentMut<'_> {
+        let (numbers, scales) = lengths(heads, 1, self.rows);
+        let of_scales = layer * scales..(layer + 1) * scales;
+        let of_numbers = layer * numbers..(layer + 1) * numbers;
+        SegmentMut {
+            rows: self.rows,
+            keys: self.keys.get_mut(of_numbers.clone()).unwrap_or(&mut []),
+            key_scales: self.key_scales.get_mut(of_scales.clone()).unwrap_or(&mut []),
+            values: self.values.get_mut(of_numbers).unwrap_or(&mut []),
+            value_scales: self.value_scales.get_mut(of_scales).unwrap_or(&mut []),
+        }
+    }
+}
+
+/// Numbers and scales of keys, and of values.
+const fn lengths(heads: Heads, layers: usize, rows: usize) -> (usize, usize) {
+    let scales = layers * rows * heads.count;
+    (scales * heads.width, scales)
+}
