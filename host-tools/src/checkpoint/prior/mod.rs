@@ -412,17 +412,3 @@ pub fn weights_hash<'t>(tensors: impl IntoIterator<Item = (&'t str, &'t [f32])>)
 fn hex(hash: Sha256) -> String {
     hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }
-
-/// SHA-256, hex, over names and little-endian values of tensors in the order of their names: how a control names its prior.
-#[must_use]
-pub fn weights_hash<'t>(tensors: impl IntoIterator<Item = (&'t str, &'t [f32])>) -> String {
-    use sha2::{Digest, Sha256};
-    let mut tensors: Vec<_> = tensors.into_iter().collect();
-    tensors.sort_by_key(|(name, _)| *name);
-    let mut hash = Sha256::new();
-    for (name, values) in tensors {
-        hash.update(name.as_bytes());
-        values.iter().for_each(|v| hash.update(v.to_le_bytes()));
-    }
-    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
-}
