@@ -6,7 +6,7 @@
 
 use super::quantise;
 use crate::blob::{DType, Error, Tensors};
-use crate::kernels::{linear_s16s8, linear_transposed_s16s8};
+use crate::kernels::{linear_s16s8, linear_transposed_s16s8, wide};
 
 /// Rows that a layer multiplies at a time: weights are read once for so many rows.
 pub const BLOCK: usize = 4;
@@ -253,11 +253,13 @@ impl<'a> Conv1d<'a> {
 
     #[inline]
     fn finish(&self, out: &mut [f32]) {
-        for out in out.chunks_exact_mut(self.outputs.max(1)) {
-            for ((y, scale), bias) in out.iter_mut().zip(self.scales).zip(self.biases) {
-                *y = *y * *scale + *bias;
+        wide(|| {
+            for out in out.chunks_exact_mut(self.outputs.max(1)) {
+                for ((y, scale), bias) in out.iter_mut().zip(self.scales).zip(self.biases) {
+                    *y = *y * *scale + *bias;
+                }
             }
-        }
+        });
     }
 }
 
@@ -299,11 +301,13 @@ impl Span {
 #[inline]
 pub(super) fn add_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: usize) {
     let width = width.max(1);
-    for ((out, acc), scale) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(scales) {
-        for (y, a) in out.iter_mut().zip(acc) {
-            *y += *a as f32 * *scale;
+    wide(|| {
+        for ((out, acc), scale) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(scales) {
+            for (y, a) in out.iter_mut().zip(acc) {
+                *y += *a as f32 * *scale;
+            }
         }
-    }
+    });
 }
 
 /// Sum of magnitudes.

@@ -4,7 +4,7 @@
 
 use super::conv1d::{BLOCK, Rows, larger, row_bound, weight_norm};
 use crate::blob::{Error, Tensors};
-use crate::kernels::linear_s16s8;
+use crate::kernels::{linear_s16s8, wide};
 
 /// A linear layer in flash.
 #[derive(Debug, Clone, Copy)]
@@ -96,12 +96,14 @@ impl<'a> Linear<'a> {
         for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {
             let x = x.window(block * BLOCK, BLOCK, self.inputs);
             linear_s16s8(x.q, self.weights, self.inputs, self.outputs, acc);
-            for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
-                let constants = self.scales.iter().zip(self.biases);
-                for ((y, a), (scale, bias)) in out.iter_mut().zip(acc).zip(constants) {
-                    *y = *a as f32 * *sx * *scale + *bias;
+            wide(|| {
+                for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
+                    let constants = self.scales.iter().zip(self.biases);
+                    for ((y, a), (scale, bias)) in out.iter_mut().zip(acc).zip(constants) {
+                        *y = *a as f32 * *sx * *scale + *bias;
+                    }
                 }
-            }
+            });
         }
     }
 }

@@ -1,5 +1,7 @@
 //! One bit an activation: whether a ReLU let it through, kept for the input gradient.
 
+use crate::kernels::wide;
+
 /// Words that hold `bits` bits.
 #[must_use]
 pub const fn words(bits: usize) -> usize {
@@ -8,6 +10,11 @@ pub const fn words(bits: usize) -> usize {
 
 /// `x <- relu(x)`; bit k of `mask` says whether `x[k]` was positive.
 pub fn relu(x: &mut [f32], mask: &mut [u32]) {
+    wide(|| relu_words(x, mask));
+}
+
+#[inline(always)]
+fn relu_words(x: &mut [f32], mask: &mut [u32]) {
     for (x, mask) in x.chunks_mut(32).zip(mask) {
         let mut bits = 0u32;
         for (k, v) in x.iter_mut().enumerate() {
@@ -23,6 +30,11 @@ pub fn relu(x: &mut [f32], mask: &mut [u32]) {
 
 /// `g <- g` where the ReLU let through, 0 elsewhere.
 pub fn gate(g: &mut [f32], mask: &[u32]) {
+    wide(|| gate_words(g, mask));
+}
+
+#[inline(always)]
+fn gate_words(g: &mut [f32], mask: &[u32]) {
     for (g, mask) in g.chunks_mut(32).zip(mask) {
         for (k, v) in g.iter_mut().enumerate() {
             if (*mask >> k) & 1 == 0 {

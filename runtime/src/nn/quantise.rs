@@ -2,6 +2,8 @@
 //!
 //! The scale covers the row's channels only, never time: a sequence processed in segments gives the same bits.
 
+use crate::kernels::wide;
+
 /// Largest magnitude an activation may take so that `terms` products with an int8 weight fit an int32.
 ///
 /// 128 rather than 127 because the low plane of an int16 weight may be -128.
@@ -44,6 +46,11 @@ fn largest(x: &[f32]) -> Option<f32> {
 /// Quantises one row: `x[k] ~ q[k] * scale`, `|q[k]| <= limit`. Returns the scale.
 #[inline]
 pub fn row(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
+    wide(|| row_elements(x, q, limit))
+}
+
+#[inline(always)]
+fn row_elements(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
     let Some(largest) = largest(x) else {
         q.fill(0);
         return 0.0;

@@ -1,5 +1,7 @@
 //! Softmax in f32: largest first taken off, exponentials summed in order.
 
+use crate::kernels;
+
 /// `x[i] <- exp(x[i] - max) / sum_j exp(x[j] - max)`.
 #[inline(never)]
 pub fn softmax(x: &mut [f32]) {
@@ -18,10 +20,5 @@ pub fn exponentials(x: &mut [f32]) -> f32 {
             largest = *v;
         }
     }
-    let mut sum = 0.0;
-    for v in x {
-        *v = libm::expf(*v - largest);
-        sum += *v;
-    }
-    sum
+    kernels::exponentials(x, largest)
 }

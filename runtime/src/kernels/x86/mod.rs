@@ -1,0 +1,76 @@
+//! x86-64: AVX2, and AVX-512 with VNNI.
+#![allow(unsafe_code)]
+
+mod avx2;
+mod avx512;
+mod detect;
+mod libm;
+mod rows;
+
+use super::portable;
+pub use detect::Isa;
+
+/// [`portable::linear_s16s8`], as fast as this machine can.
+#[inline]
+pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    Isa::best().linear_s16s8(x, w, inputs, outputs, acc);
+}
+
+/// [`portable::linear_transposed_s16s8`], as fast as this machine can.
+#[inline]
+pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    Isa::best().linear_transposed_s16s8(g, w, inputs, outputs, acc);
+}
+
+/// Runs an elementwise loop, compiled for the widest registers of the machine. The compiler neither reorders nor joins
+/// floating-point operations, so the bits do not depend on the width.
+#[inline(always)]
+pub fn wide<R>(body: impl FnOnce() -> R) -> R {
+    match Isa::best() {
+        Isa::Portable => body(),
+        // SAFETY: `best` returns only what processor and system support, and AVX-512 includes AVX2.
+        Isa::Avx2 | Isa::Avx512 => unsafe { avx2::wide(body) },
+    }
+}
+
+/// [`portable::exponentials`], several at a time.
+pub fn exponentials(x: &mut [f32], largest: f32) -> f32 {
+    match Isa::best() {
+        Isa::Portable => portable::exponentials(x, largest),
+        // SAFETY: as in `wide`.
+        Isa::Avx2 | Isa::Avx512 => unsafe { avx2::exponentials(x, largest) },
+    }
+}
+
+/// [`portable::gelu`], several at a time.
+pub fn gelu(x: &mut [f32]) {
+    match Isa::best() {
+        Isa::Portable => portable::gelu(x),
+        // SAFETY: as in `wide`.
+        Isa::Avx2 | Isa::Avx512 => unsafe { avx2::gelu(x) },
+    }
+}
+
+impl Isa {
+    /// [`portable::linear_s16s8`] by these instructions, or by the best that there are if these are missing.
+    pub fn linear_s16s8(self, x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+        match self.supported() {
+            Isa::Portable => portable::linear_s16s8(x, w, inputs, outputs, acc),
+            // SAFETY: `supported` returns only what processor and system support.
+            Isa::Avx2 => unsafe { avx2::linear_s16s8(x, w, inputs, outputs, acc) },
+            // SAFETY: as above.
+            Isa::Avx512 => unsafe { avx512::linear_s16s8(x, w, inputs, outputs, acc) },
+        }
+    }
+
+    /// [`portable::linear_transposed_s16s8`] by these instructions, or by the best that there are if these are missing.
+    pub fn linear_transposed_s16s8(self, g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+        match self.supported() {
+            Isa::Portable => portable::linear_transposed_s16s8(g, w, inputs, outputs, acc),
+            // SAFETY: `supported` returns only what processor and system support.
+            Isa::Avx2 => unsafe { avx2::linear_transposed_s16s8(g, w, inputs, outputs, acc) },
+            // SAFETY: as above.
+            Isa::Avx512 => unsafe { avx512::linear_transposed_s16s8(g, w, inputs, outputs, acc) },
+        }
+    }
+}
