@@ -28,7 +28,7 @@
 //! # Example
 //! ```no_run
 //! use motionette::blob::Aligned;
-//! use motionette::{Anchor, Generator, Model, Request};
+//! use motionette::{Anchors, Generator, Joint, Model, Request};
 //!
 //! // Any 16-byte aligned bytes in flash.
 //! static BLOB: &Aligned<[u8]> =
@@ -38,12 +38,13 @@
 //! let model = Model::open(&BLOB.0)?; // checks everything, once
 //! let mut generator = Generator::new(model, arena)?;
 //! let tokens = [117, 204, 407, 13, 227, 418, 370, 83];
-//! let right_wrist = 21;
-//! let anchors = [Anchor::root(28, [0.1, 0.9, 1.0]), Anchor::joint(16, right_wrist, [-0.3, 1.4, 0.8])];
-//! let motion = generator.generate(&Request::tokens(&tokens).through(&anchors), &mut ())?;
-//! // With a planner in the blob: `Request::text("a person waves").frames(100).seed(7).through(&anchors)`.
+//! // Seconds and metres: the pelvis half a metre ahead after 1.4 s, the hand up before that.
+//! let anchors =
+//!     Anchors::new().root_at(1.4, [0.1, 0.9, 0.5]).joint_at(0.8, Joint::RightWrist, [-0.3, 1.4, 0.4]);
+//! let motion = generator.generate(&Request::tokens(&tokens).through(anchors.as_slice()?), &mut ())?;
+//! // With a planner in the blob: `Request::text("a person waves").frames(100).seed(7)` instead of `tokens`.
 //! for frame in motion.frames() {
-//!     let _wrist = frame[right_wrist as usize]; // metres, 20 frames a second
+//!     let _wrist = frame[Joint::RightWrist.index()]; // metres, 20 frames a second
 //! }
 //! # Ok(())
 //! # }
@@ -85,6 +86,8 @@ pub use generator::{
 };
 pub use model::Model;
 pub use perception::anchors::{Anchor, Target};
+pub use perception::authoring::Anchors;
+pub use perception::joint::Joint;
 pub use perception::prompt::Prompt;
 pub use plan::{Limits, Plan, StreamLimits, StreamPlan};
 pub use planning::{Fixed, Length, Planning, Sampling, Schedule};

@@ -2,13 +2,13 @@
 
 use std::fmt;
 
-use motionette::{Anchor, Target};
+use motionette::{Anchor, Joint, Target};
 use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::Value;
 
 use super::Error;
-use crate::motion::{FPS, skeleton};
+use crate::motion::FPS;
 
 /// Fields an anchor may have.
 pub(super) const FIELDS: [&str; 6] = ["time", "frame", "root", "planar_root", "joint", "position"];
@@ -122,8 +122,7 @@ fn frame_number(index: usize, value: &Value) -> Result<u16, Error> {
 
 fn joint_number(index: usize, value: &Value) -> Result<u8, Error> {
     let name = value.as_str().ok_or_else(|| wrong(index, "joint", "the name of a joint", value))?;
-    let number = skeleton::NAMES.iter().position(|known| *known == name);
-    number.and_then(|n| u8::try_from(n).ok()).ok_or_else(|| Error::UnknownJoint { index, found: shortened(name) })
+    Joint::from_name(name).map(u8::from).ok_or_else(|| Error::UnknownJoint { index, found: shortened(name) })
 }
 
 fn coordinates<const N: usize>(

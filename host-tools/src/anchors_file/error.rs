@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use motionette::Joint;
 use motionette::perception::anchors::AnchorError;
 
 use crate::motion::{FPS, skeleton};
@@ -156,6 +157,21 @@ pub enum Error {
         frame: u16,
         /// Frames of the motion.
         frames: usize,
+    },
+    /// Two places for one joint at one frame.
+    #[error(
+        "anchors {first} and {second}: both say where {joint} is at frame {frame} ({:.2} s), and disagree; remove one",
+        f64::from(*frame) / FPS
+    )]
+    Conflict {
+        /// The earlier anchor in the list.
+        first: usize,
+        /// The later one.
+        second: usize,
+        /// The joint; `root` and `planar_root` are the pelvis.
+        joint: Joint,
+        /// The frame.
+        frame: u16,
     },
     /// The runtime would refuse these anchors.
     #[error(transparent)]

@@ -28,8 +28,8 @@ mod tests;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use motionette::perception::anchors::AnchorSet;
-use motionette::{Anchor, Target};
+use motionette::perception::anchors::{AnchorError, AnchorSet};
+use motionette::{Anchor, Joint, Target};
 use serde::Deserialize;
 
 use crate::motion::skeleton;
@@ -74,12 +74,21 @@ pub fn parse(text: &str) -> Result<Vec<Anchor>, Error> {
 /// (numbers, no two targets for one joint at one frame, not too many).
 ///
 /// # Errors
-/// [`Error::BeyondEnd`], which says how long the motion is, or [`Error::Refused`].
+/// [`Error::BeyondEnd`], which says how long the motion is, [`Error::Conflict`], or [`Error::Refused`].
 pub fn check(anchors: &[Anchor], frames: usize) -> Result<(), Error> {
     if let Some((index, anchor)) = anchors.iter().enumerate().find(|(_, anchor)| usize::from(anchor.frame) >= frames) {
         return Err(Error::BeyondEnd { index, frame: anchor.frame, frames });
     }
-    AnchorSet::new(anchors, frames).map(|_| ()).map_err(Error::Refused)
+    AnchorSet::new(anchors, frames).map(|_| ()).map_err(|error| match error {
+        AnchorError::Conflict { first, second } => {
+            let joint = match anchors[second].target {
+                Target::Joint { joint, .. } => Joint::try_from(joint).unwrap_or(Joint::Pelvis),
+                Target::Root(_) | Target::PlanarRoot(_) => Joint::Pelvis,
+            };
+            Error::Conflict { first, second, joint, frame: anchors[second].frame }
+        }
+        error => Error::Refused(error),
+    })
 }
 
 /// Writes anchors as a file that [`read`] gives back bit for bit: one anchor a line, `frame` rather than `time`.

@@ -94,7 +94,19 @@ fn the_motion_s_length_is_said() {
     let message = check(&anchors, 100).expect_err("just outside").to_string();
     assert_eq!(message, "anchor 1: frame 100 (5.00 s) lies beyond the end: the motion has 100 frames (5.00 s)");
     let conflict = [Anchor::root(0, [0.0; 3]), Anchor::planar_root(0, [1.0, 0.0])];
-    assert!(matches!(check(&conflict, 10), Err(Error::Refused(_))));
+    let message = check(&conflict, 10).expect_err("two places").to_string();
+    assert_eq!(
+        message,
+        "anchors 0 and 1: both say where pelvis is at frame 0 (0.00 s), and disagree; remove one"
+    );
+    let conflict = [anchors[0], Anchor::joint(30, 21, [0.0; 3]), anchors[0], Anchor::joint(30, 21, [0.0, 0.0, 1.0])];
+    let found = check(&conflict, 100);
+    assert!(
+        matches!(found, Err(Error::Conflict { first: 1, second: 3, joint: Joint::RightWrist, frame: 30 })),
+        "{found:?}"
+    );
+    let many: Vec<Anchor> = (0..33).map(|frame| Anchor::root(frame, [0.0; 3])).collect();
+    assert!(matches!(check(&many, 100), Err(Error::Refused(AnchorError::TooMany { anchors: 33, limit: 32 }))));
     check(&[], 0).expect("nothing to meet");
 }
 

@@ -3,7 +3,9 @@
 //! This layer knows frames, joints and words. It does not know decoders, planners or the solver.
 
 pub mod anchors;
+pub mod authoring;
 pub mod bank;
+pub mod joint;
 pub mod prompt;
 pub mod scaffold;
 pub mod scaffold_encoder;
