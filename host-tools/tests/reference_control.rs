@@ -55,9 +55,10 @@ fn forward<T: Real>(limit: f64) {
         let (words, z, fixed) = ([3_u16, 4, 1], [5_u16, 0, 2, 4, 1], [false, false, true, false, false]);
         for (start_open, end_open) in [(false, false), (true, true)] {
             for guidance in [1.0_f32, 2.5] {
-                let planner = |words: &[u16]| naive.planner(words, &z, 12, &fixed, (start_open, end_open), Some(&c));
+                let planner = |words: &[u16], c| naive.planner(words, &z, 12, &fixed, (start_open, end_open), c);
                 let blend = |(a, b): (&f64, &f64)| b + f64::from(guidance) * (a - b);
-                let (with, without) = (planner(&words), planner(&[0]));
+                // What guides is text and anchors together.
+                let (with, without) = (planner(&words, Some(&c)), planner(&[0], None));
                 let expected = with.iter().zip(&without).map(|(a, b)| a.iter().zip(b).map(blend).collect()).collect();
                 let mut guided = reference.through(reference.guided(&words, guidance), &anchors(), z.len());
                 (guided.start_open, guided.end_open) = (start_open, end_open);

@@ -188,7 +188,9 @@ fn oracle(tiny: &Tiny, scene: &Scene, guidance: f64) -> Rows {
     let (memory, pooled) = naive_prior::encode(tiny, &IDS);
     let text = naive_prior::logits(tiny, scene, &memory, &pooled);
     let (memory, pooled) = naive_prior::encode(tiny, &[0]);
-    let none = naive_prior::logits(tiny, scene, &memory, &pooled);
+    // What guides is text and anchors together.
+    let free = Scene { anchors: Vec::new(), ..scene.clone() };
+    let none = naive_prior::logits(tiny, &free, &memory, &pooled);
     let mix = |(t, n): (&Vec<f64>, &Vec<f64>)| t.iter().zip(n).map(|(t, n)| n + guidance * (t - n)).collect();
     text.iter().zip(&none).map(mix).collect()
 }

@@ -13,7 +13,7 @@ use crate::checkpoint::{ControlCheckpoint, TokenizerCheckpoint};
 #[derive(Debug, Clone)]
 pub struct Guided<T> {
     conditional: Context<T>,
-    /// With it `unconditional + guidance (conditional - unconditional)`; absent when guidance is 1.
+    /// Of neither text nor anchors: `unconditional + guidance (conditional - unconditional)`; absent when guidance is 1.
     unconditional: Option<Context<T>>,
     guidance: T,
     /// The motion went on before the first token.
@@ -81,17 +81,14 @@ impl<T: Real> Prior<T> {
         }
     }
 
-    /// The same conditioned on anchors in a motion of `tokens` tokens, which is how many must be planned then. Without a control, or when
-    /// it sees none of the anchors, nothing changes.
+    /// The same conditioned on anchors in a motion of `tokens` tokens, which is how many must be planned then; what guides is text and
+    /// anchors together. Without a control, or when it sees none of the anchors, nothing changes.
     ///
     /// # Panics
     /// For an anchor behind the motion's end, or more tokens than the longest motion has.
     #[must_use]
     pub fn through(&self, mut guided: Guided<T>, anchors: &[Anchor], tokens: usize) -> Guided<T> {
         let context = self.control.as_ref().and_then(|control| control.context(anchors, tokens));
-        if let Some(unconditional) = &mut guided.unconditional {
-            unconditional.anchors.clone_from(&context);
-        }
         guided.conditional.anchors = context;
         guided
     }

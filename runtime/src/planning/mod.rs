@@ -1,8 +1,8 @@
 //! Text to motion tokens: a transformer proposes, a sampler moves noisy tokens towards the proposals.
 //!
 //! ```text
-//! prompt ──► memory, pooled ──► keys and values a block      once a request, with guidance also without text
-//! anchors ─► scaffold ──► keys and values a block, rows' shares    once a request, for all passes
+//! prompt ──► memory, pooled ──► keys and values a block      once a request, with guidance also of no text
+//! anchors ─► scaffold ──► keys and values a block, rows' shares    once a request
 //! z_0 random ──► pass ──► logits ──► proposals ──► z_1 ...    S steps, each position revisable throughout
 //! ```
 //!
@@ -12,7 +12,9 @@
 //! them are drawn for given tokens and in the last step as well, so that a stream's place depends on step and position alone.
 //!
 //! # Guidance
-//! `none + g (text - none)` of the logits. The token layer is linear, so hidden rows are combined in its place: half the
+//! `none + g (conditioned - none)` of the logits, `conditioned` by text and anchors, `none` by neither: one pair guides towards
+//! both (measured: anchors missed by a tenth less than when `none` knows them, FID and R-precision the same, and a cheaper
+//! pass). The token layer is linear, so hidden rows are combined in its place: half the
 //! work, one row a position to keep.
 //!
 //! This layer knows words' memory, anchors' scaffold and tokens. It does not know how tokens become motion.

@@ -30,7 +30,7 @@ pub struct Planning<'r> {
     pub steps: u16,
     /// Times of the steps.
     pub schedule: Schedule,
-    /// `none + guidance (text - none)`, 0 to [`MAX_GUIDANCE`]; 1 is off.
+    /// `none + guidance (conditioned - none)`, conditioned by text and anchors, 0 to [`MAX_GUIDANCE`]; 1 is off.
     pub guidance: f32,
     /// How proposals are drawn.
     pub sampling: Sampling,
@@ -165,7 +165,7 @@ impl Planning<'_> {
         conditioned: true,
     };
 
-    /// Whether the planner runs with and without text.
+    /// Whether the planner runs with and without text and anchors.
     #[must_use]
     pub fn guided(&self) -> bool {
         self.guidance != 1.0

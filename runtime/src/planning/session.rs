@@ -150,7 +150,7 @@ impl<'m, 'b> Modules<'m, 'b> {
         };
         let (anchors, scaffold) = self.control(limits).map_or((0, 0), |control| (tokens, control.macs(tokens)));
         let read = each(limits.words) + each(none) + self.text.length().macs() + scaffold;
-        let guided = if none == 0 { 0 } else { self.planner.pass_macs(tokens, anchors, none) };
+        let guided = if none == 0 { 0 } else { self.planner.pass_macs(tokens, 0, none) };
         let passes = self.planner.pass_macs(tokens, anchors, limits.words) + guided;
         let position = self.planner.logits_macs() + Metric::len(self.codebooks) as u64;
         read + u64::from(limits.steps) * (passes + tokens as u64 * position)
@@ -380,7 +380,8 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         for (to, from) in self.hidden.iter_mut().zip(x.iter().skip(width)) {
             *to = *from;
         }
-        planner.forward(&input, &self.none, &self.anchors, x, &mut own, &mut self.scratch, check)?;
+        // What guides is text and anchors together: the other end knows neither.
+        planner.forward(&input, &self.none, &Condition::none(), x, &mut own, &mut self.scratch, check)?;
         for (none, text) in x.iter_mut().skip(width).zip(self.hidden.iter()) {
             *none += planning.guidance * (*text - *none);
         }

@@ -70,23 +70,19 @@ impl Planner {
             .iter()
             .map(|control| scaffold::features(anchors, FRAMES_PER_TOKEN * tokens, FPS as f64, &control.statistics))
             .collect();
-        let logits = |z: &[u16], time: f64| {
-            let example = |words: Vec<usize>| Example {
-                words,
+        let pass = |words: &[usize], z: &[u16], time: f64, anchored: bool| -> Vec<f32> {
+            let example = Example {
+                words: words.to_vec(),
                 z: z.to_vec(),
                 fixed: vec![false; z.len()],
                 t: time as f32,
                 start_open: false,
                 end_open: false,
             };
-            let mut batch = vec![example(if words.is_empty() { vec![NONE] } else { words.clone() })];
-            if guidance != 1.0 {
-                batch.push(example(vec![NONE]));
-            }
-            let lengths = vec![z.len(); batch.len()];
-            let features: Vec<Vec<f32>> = batch.iter().flat_map(|_| features.iter().cloned()).collect();
+            let lengths = [z.len()];
             let off = || Random::new(0, 0);
-            let mut anchored = self.control.as_ref().filter(|_| !anchors.is_empty()).map(|control| {
+            let control = self.control.as_ref().filter(|_| anchored && !anchors.is_empty());
+            let mut anchored = control.map(|control| {
                 let architecture = &control.config.architecture;
                 Anchored::new(architecture, &a.planner, &control.weights, &features, &lengths, 0.0, off())
             });
@@ -95,12 +91,18 @@ impl Planner {
                 Some(anchored) => anchored,
                 None => &mut nobody,
             };
-            let logits = values(&model::forward(a, &self.prior, &batch, guest, 0.0, off()).tokens);
-            let (with, without) = logits.split_at(logits.len() / batch.len());
-            if without.is_empty() {
-                return with.to_vec();
+            values(&model::forward(a, &self.prior, &[example], guest, 0.0, off()).tokens)
+        };
+        let said = if words.is_empty() { vec![NONE] } else { words };
+        let logits = |z: &[u16], time: f64| {
+            let mut logits = pass(&said, z, time, true);
+            if guidance != 1.0 {
+                let without = pass(&[NONE], z, time, false);
+                for (with, without) in logits.iter_mut().zip(without) {
+                    *with = without + guidance * (*with - without);
+                }
             }
-            with.iter().zip(without).map(|(with, without)| without + guidance * (with - without)).collect()
+            logits
         };
         self.tmd.sample(tokens, settings, logits).pop().unwrap_or_default()
     }

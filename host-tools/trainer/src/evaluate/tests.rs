@@ -303,8 +303,11 @@ fn bad_input_is_refused_and_leaves_no_table() {
         generate: vec![command::Origin::None],
         generation: options(),
         out: at("results"),
-        seeds: 2,
+        seeds: Some(2),
         limit: Some(2),
+        control: Vec::new(),
+        store: at("store.jsonl"),
+        instructions_per_mac: 5.5,
         json: true,
     };
     let refused = |what: &str| {
