@@ -10,6 +10,7 @@ use crate::decoding::decoder::Decoder;
 use crate::motion::humanml3d;
 use crate::perception::Text;
 use crate::perception::anchors::FAMILIES;
+use crate::perception::scaffold_encoder::Timing;
 use crate::planning::session::Modules;
 use crate::planning::{Control, Planner};
 
@@ -54,6 +55,8 @@ impl<'a> Model<'a> {
     ///
     /// # Errors
     /// [`Error`], saying what is wrong and where.
+    // Its own frame: what opening needs of the stack is not to lie below everything that comes later.
+    #[inline(never)]
     pub fn open(bytes: &'a [u8]) -> Result<Self, Error> {
         let remainder = bytes.as_ptr().addr() % ALIGNMENT;
         if remainder != 0 {
@@ -84,10 +87,12 @@ impl<'a> Model<'a> {
             let max_tokens = manifest.max_tokens;
             let opened = Planner::open(&mut tensors, config, text, manifest.decoder.codes, max_tokens)?;
             if let Some(config) = &manifest.control {
-                let sizes = (manifest.frame_rate, decoder.upsampling() as u16, max_tokens);
-                control = Some(Control::open(&mut tensors, config, &opened, sizes)?);
+                let frames = decoder.upsampling() as u16;
+                let timing = Timing { rate: manifest.frame_rate, frames, tokens: max_tokens };
+                control = Some(Control::open(&mut tensors, config, timing, &opened, text)?);
+            } else {
+                opened.check(text, (0.0, 0.0))?;
             }
-            opened.check(text, control.as_ref().map_or((0.0, 0.0), Control::bounds))?;
             planner = Some(opened);
         }
         // A newer minor version may carry more behind what this one knows.

@@ -22,8 +22,8 @@ use crate::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels};
 use crate::perception::anchors::{Anchor, AnchorSet, Target};
 use crate::perception::prompt::Heard;
 use crate::plan::{JOINT_COLUMNS, Limits, Plan, feature_columns};
-use crate::planning::session::{Modules, Session};
-use crate::planning::{self, Control, PlanningError};
+use crate::planning::session::Modules;
+use crate::planning::{self, PlanningError};
 use crate::refining::{self, SolverError, Stop};
 use decoder_map::DecoderMap;
 use environment::floating_point_is_default;
@@ -158,8 +158,8 @@ impl<'a> Generator<'a> {
 
     /// Whether the planner would see any of `anchors`.
     fn seen(&self, anchors: &[Anchor]) -> bool {
-        let scaffold = self.model.control().map(Control::scaffold);
-        scaffold.is_some_and(|scaffold| anchors.iter().any(|anchor| scaffold.sees(anchor.target.family())))
+        let control = self.model.control();
+        control.is_some_and(|control| anchors.iter().any(|anchor| control.sees(anchor.target.family())))
     }
 
     /// Makes the motion of `request`. `observer` is asked at every layer boundary.
@@ -200,11 +200,21 @@ impl<'a> Generator<'a> {
                 return Err(Error::Arena(ArenaTooSmall { needed, available }));
             }
             let mut overlay = arena.overlay();
-            let session = Session::new(modules, &mut overlay, made.tokens, planning).map_err(too_small)?;
+            let plan = &request.planning;
+            made = plan_tokens(
+                modules,
+                planning,
+                &mut overlay,
+                &prompt,
+                plan,
+                shortest,
+                Some(&anchors),
+                tokens,
+                observer,
+            )?;
             peak = overlay.used();
-            made = plan_tokens(session, &prompt, &request.planning, shortest, Some(&anchors), tokens, observer)?;
             if let (true, Some(control)) = (planning.anchors, model.control()) {
-                unconditioned = anchors.iter().filter(|anchor| !control.scaffold().sees(anchor.family)).count() as u16;
+                unconditioned = anchors.iter().filter(|anchor| !control.sees(anchor.family)).count() as u16;
             }
             log::debug!("planned {} tokens", made.tokens);
         }

@@ -2,12 +2,13 @@
 
 use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
+use crate::arena::Arena;
 use crate::hash::Stream;
 use crate::nn::Interrupted;
 use crate::perception::anchors::AnchorSet;
 use crate::perception::prompt::{Heard, Prompt};
-use crate::planning::session::Session;
-use crate::planning::{Length, Planning};
+use crate::planning::session::Modules;
+use crate::planning::{Length, Limits, Planning, Session};
 use crate::refining::Stop;
 
 /// What planning settled.
@@ -45,11 +46,14 @@ impl Wish {
     }
 }
 
-/// Plans the tokens of `prompt` into `tokens`, which has room for the longest motion there may be, conditioned by `anchors`. A
-/// predicted length is at least `shortest`.
+/// Plans the tokens of `prompt` into `tokens`, which has room for the longest motion there may be, conditioned by `anchors`, in a
+/// session within `limits` that takes its memory from `arena`. A predicted length is at least `shortest`.
+// Its own frame: the session is not to lie on the stack while the tokens are decoded.
 #[inline(never)]
 pub(super) fn plan_tokens(
-    mut session: Session<'_, '_, '_>,
+    modules: Modules<'_, '_>,
+    limits: &Limits,
+    arena: &mut Arena<'_>,
     prompt: &Prompt<'_>,
     planning: &Planning<'_>,
     shortest: usize,
@@ -57,6 +61,7 @@ pub(super) fn plan_tokens(
     tokens: &mut [u16],
     observer: &mut dyn Observer,
 ) -> Result<Planned, Error> {
+    let mut session = Session::new(modules, arena, tokens.len(), limits).map_err(Error::Arena)?;
     let mut wish = Wish::default();
     let mut watch = Watch { observer, stage: Stage::Reading, evaluation: 1, evaluations: 1 };
     let heard = session.read(prompt, &mut || wish.ask(&mut watch))?;

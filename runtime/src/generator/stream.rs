@@ -13,7 +13,6 @@ use crate::model::{MAX_TOKENS, Model};
 use crate::motion::humanml3d::{Features, POSITION_CHANNELS, Path, Root, channels};
 use crate::perception::prompt::Heard;
 use crate::plan::{JOINT_COLUMNS, StreamLimits, StreamPlan};
-use crate::planning::session::Session;
 use crate::planning::{self, Fixed, Length, Planning, PlanningError};
 use crate::refining::Stop;
 use heapless::Vec;
@@ -329,8 +328,7 @@ impl MotionStream<'_, '_> {
         let mut arena = self.spare.overlay();
         let window = arena.take::<u16>(capacity).map_err(too_small)?;
         let window = window.get_mut(..context + count).unwrap_or(&mut []);
-        let session = Session::new(modules, &mut arena, context + count, &limits).map_err(too_small)?;
-        let planned = plan_tokens(session, &prompt, &planning, 1, None, window, observer)?;
+        let planned = plan_tokens(modules, &limits, &mut arena, &prompt, &planning, 1, None, window, observer)?;
         log::debug!("planned {} tokens behind {}", count, context);
         self.memory.push(window.get(context..).unwrap_or(&[]));
         self.segment = self.segment.wrapping_add(1);

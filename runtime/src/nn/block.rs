@@ -226,21 +226,6 @@ impl<'a> Block<'a> {
         within(x)
     }
 
-    /// Multiply-accumulates of a row that attends to `keys` own keys and `memory` rows of memory.
-    fn macs(&self, heads: Heads, keys: usize, memory: usize) -> u64 {
-        let cross = self
-            .cross
-            .as_ref()
-            .map_or(0, |cross| cross.query.macs() + cross.out.macs() + attention::macs(heads, memory));
-        let own = self.qkv.macs() + self.out.macs() + attention::macs(heads, keys);
-        own + cross + self.up.macs() + self.down.macs()
-    }
-
-    /// Multiply-accumulates of a row of memory.
-    fn memory_macs(&self) -> u64 {
-        self.cross.as_ref().map_or(0, |cross| cross.keys_values.macs())
-    }
-
     /// Keys and values of `memory [n][dt]` for the cross-attention of this block, into `segment`.
     pub fn read_memory(&self, memory: &[f32], segment: &mut SegmentMut<'_>, scratch: &mut Scratch<'_>) {
         let Some(cross) = &self.cross else { return };
@@ -487,33 +472,47 @@ impl<'a> Stack<'a> {
     /// What a [`Scratch`] must serve for so many rows, keys beside them, and rows of memory.
     #[must_use]
     pub fn sizes(&self, rows: usize, extra: usize, memory: usize) -> Sizes {
-        let keys = rows + extra;
-        let width = usize::from(self.config.width);
-        let inputs = usize::from(self.memory.unwrap_or(0));
-        Sizes {
-            width,
-            inputs: if inputs > width { inputs } else { width },
-            outputs: width,
-            hidden: usize::from(self.config.hidden),
-            head: self.heads().width,
-            keys: if memory > keys { memory } else { keys },
-        }
+        sizes(&self.config, usize::from(self.memory.unwrap_or(0)), rows + extra, memory)
     }
 
     /// Multiply-accumulates of a pass over `rows` rows with `extra` keys beside them and `memory` rows of memory, without
     /// making the latter two.
     #[must_use]
     pub fn macs(&self, rows: usize, extra: usize, memory: usize) -> u64 {
-        let each = self.blocks().next().map_or(0, |block| block.macs(self.heads(), rows + extra, memory));
-        u64::from(self.config.layers) * rows as u64 * each
+        macs(&self.config, rows, rows + extra, self.memory.map(|_| memory))
     }
 
     /// Multiply-accumulates of reading `memory` rows of memory in all blocks.
     #[must_use]
     pub fn memory_macs(&self, memory: usize) -> u64 {
-        let each = self.blocks().next().map_or(0, |block| block.memory_macs());
-        u64::from(self.config.layers) * memory as u64 * each
+        let TransformerConfig { width, layers, .. } = self.config;
+        let each = u64::from(self.memory.unwrap_or(0)) * 2 * u64::from(width);
+        u64::from(layers) * memory as u64 * each
     }
+}
+
+/// What a [`Scratch`] must serve for blocks whose rows attend to so many keys, and to `memory` rows of width `inputs`.
+#[must_use]
+pub fn sizes(config: &TransformerConfig, inputs: usize, keys: usize, memory: usize) -> Sizes {
+    let width = usize::from(config.width);
+    Sizes {
+        width,
+        inputs: if inputs > width { inputs } else { width },
+        outputs: width,
+        hidden: usize::from(config.hidden),
+        head: heads(config).width,
+        keys: if memory > keys { memory } else { keys },
+    }
+}
+
+/// Multiply-accumulates of blocks over `rows` rows that attend to so many keys and, with cross-attention, rows of memory.
+#[must_use]
+pub fn macs(config: &TransformerConfig, rows: usize, keys: usize, memory: Option<usize>) -> u64 {
+    let (width, hidden) = (u64::from(config.width), u64::from(config.hidden));
+    let attention = |keys: usize| attention::macs(heads(config), keys);
+    let own = 4 * width * width + attention(keys);
+    let cross = memory.map_or(0, |memory| 2 * width * width + attention(memory));
+    u64::from(config.layers) * rows as u64 * (own + cross + 2 * width * hidden)
 }
 
 /// Refuses a bound that is not below `limit`, naming the tensor.

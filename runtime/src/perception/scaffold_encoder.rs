@@ -3,16 +3,49 @@
 //! `f_t = relu(frame c_t)`, `h_l = merge [f of the token's frames, one behind another]`, then an [`Encoder`]: positions, blocks,
 //! norm, mean. Features `c_t` are those of [`super::scaffold`].
 
-use super::anchors::{AnchorSet, Family};
+use super::anchors::AnchorSet;
 use super::scaffold::{LIMIT, Scaffold, Statistics, WIDTH};
 use crate::blob::{Activation, ControlConfig, Error, Tensors};
-use crate::nn::attention::{Heads, SegmentMut};
-use crate::nn::block::{Scratch, Sizes, below};
+use crate::nn::attention::SegmentMut;
+use crate::nn::block::{self, Scratch, Sizes, below};
 use crate::nn::conv1d::BLOCK;
 use crate::nn::encoder::Encoder;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
 use crate::nn::{Check, Interrupted, activation};
+
+/// The motions it is for.
+#[derive(Debug, Clone, Copy)]
+pub struct Timing {
+    /// Frames a second.
+    pub rate: u16,
+    /// Frames a token.
+    pub frames: u16,
+    /// Tokens at most.
+    pub tokens: u16,
+}
+
+/// What a [`Scratch`] must serve for so many tokens.
+#[must_use]
+pub fn sizes(config: &ControlConfig, timing: Timing, tokens: usize) -> Sizes {
+    let outputs = usize::from(config.frame_width);
+    let frame = Sizes { inputs: WIDTH, outputs, ..Sizes::default() };
+    let merge = Sizes { inputs: usize::from(timing.frames) * outputs, ..Sizes::default() };
+    block::sizes(&config.scaffold, 0, tokens, 0).with(frame).with(merge)
+}
+
+/// Numbers of `work` in [`ScaffoldEncoder::encode`].
+#[must_use]
+pub const fn work(config: &ControlConfig, timing: Timing) -> usize {
+    Scaffold::NUMBERS + BLOCK * WIDTH + timing.frames as usize * config.frame_width as usize
+}
+
+/// Multiply-accumulates of a scaffold of so many tokens.
+#[must_use]
+pub fn macs(config: &ControlConfig, timing: Timing, tokens: usize) -> u64 {
+    let frame = u64::from(config.frame_width) * (WIDTH as u64 + u64::from(config.scaffold.width));
+    tokens as u64 * u64::from(timing.frames) * frame + block::macs(&config.scaffold, tokens, tokens, None)
+}
 
 /// The encoder in flash.
 #[derive(Debug, Clone, Copy)]
@@ -27,74 +60,25 @@ pub struct ScaffoldEncoder<'a> {
 }
 
 impl<'a> ScaffoldEncoder<'a> {
-    /// Reads the encoder from the next tensors, for motions of `rate` frames a second, `frames` of them a token and at most
-    /// `max_tokens` tokens, and checks that activations stay finite.
+    /// Reads the encoder from the next tensors, for motions of such `timing`, and checks that activations stay finite.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
-    pub fn open(
-        tensors: &mut Tensors<'a>,
-        config: &ControlConfig,
-        rate: u16,
-        frames: u16,
-        max_tokens: u16,
-    ) -> Result<Self, Error> {
+    pub fn open(tensors: &mut Tensors<'a>, config: &ControlConfig, timing: Timing) -> Result<Self, Error> {
         let ControlConfig { scaffold, frame_width, families, .. } = *config;
         let statistics = Statistics::open(tensors)?;
         let index = tensors.index();
         let frame = Linear::open(tensors, WIDTH as u16, frame_width)?;
-        let merge = Linear::open(tensors, frames.saturating_mul(frame_width), scaffold.width)?;
+        let merge = Linear::open(tensors, timing.frames.saturating_mul(frame_width), scaffold.width)?;
         let merged = merge.bound(below(frame.bound(LIMIT), MAX_INPUT, index)?);
-        let encoder = Encoder::open(tensors, max_tokens, scaffold, merged)?;
-        Ok(ScaffoldEncoder { families, rate: f32::from(rate), statistics, frame, merge, encoder })
-    }
-
-    /// Whether it was trained for anchors of a family; it passes over others.
-    #[must_use]
-    pub const fn sees(&self, family: Family) -> bool {
-        family.bit() & self.families != 0
+        let encoder = Encoder::open(tensors, timing.tokens, scaffold, merged)?;
+        Ok(ScaffoldEncoder { families, rate: f32::from(timing.rate), statistics, frame, merge, encoder })
     }
 
     /// A bound of the scaffold and of its mean.
     #[must_use]
     pub fn bound(&self) -> f32 {
         self.encoder.bound()
-    }
-
-    /// Width of a row, `ds`.
-    #[must_use]
-    pub const fn width(&self) -> usize {
-        self.merge.outputs()
-    }
-
-    /// How the width is split.
-    #[must_use]
-    pub const fn heads(&self) -> Heads {
-        self.encoder.stack().heads()
-    }
-
-    /// What a [`Scratch`] must serve for so many tokens.
-    #[must_use]
-    pub fn sizes(&self, tokens: usize) -> Sizes {
-        let inputs = [WIDTH, self.merge.inputs()];
-        let sizes = self.encoder.stack().sizes(tokens, 0, 0);
-        inputs.into_iter().fold(sizes, |sizes, inputs| {
-            sizes.with(Sizes { inputs, outputs: self.frame.outputs(), ..Sizes::default() })
-        })
-    }
-
-    /// Numbers of `work` in [`ScaffoldEncoder::encode`].
-    #[must_use]
-    pub const fn work(&self) -> usize {
-        Scaffold::NUMBERS + BLOCK * WIDTH + self.merge.inputs()
-    }
-
-    /// Multiply-accumulates of a scaffold of so many tokens.
-    #[must_use]
-    pub fn macs(&self, tokens: usize) -> u64 {
-        let frames = self.merge.inputs() / self.frame.outputs().max(1);
-        let each = frames as u64 * self.frame.macs() + self.merge.macs();
-        tokens as u64 * each + self.encoder.stack().macs(tokens, 0, 0)
     }
 
     /// Encodes `anchors` into `x [L][ds]` and its mean into `mean [ds]`. `own` has room for as many rows, `work` for
@@ -125,7 +109,7 @@ impl<'a> ScaffoldEncoder<'a> {
         let scaffold = Scaffold::new(anchors, self.families, self.statistics, self.rate, bends);
         let width = self.frame.outputs().max(1);
         let mut frame = 0;
-        for row in x.chunks_exact_mut(self.width().max(1)) {
+        for row in x.chunks_exact_mut(self.merge.outputs().max(1)) {
             for rows in merged.chunks_mut((BLOCK * width).max(1)) {
                 let features = features.get_mut(..rows.len() / width * WIDTH).unwrap_or_default();
                 for c in features.chunks_exact_mut(WIDTH) {

@@ -7,25 +7,33 @@
 use super::condition::Condition;
 use super::transformer::Planner;
 use crate::blob::{Activation, ControlConfig, Error, Tensors};
-use crate::nn::attention::SegmentMut;
-use crate::nn::block::{Scratch, Sizes, below, project_low_rank};
+use crate::nn::attention::{Heads, SegmentMut};
+use crate::nn::block::{Scratch, Sizes, below, heads, project_low_rank};
 use crate::nn::conv1d::larger;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
 use crate::nn::{Check, Interrupted, activation};
-use crate::perception::anchors::AnchorSet;
-use crate::perception::scaffold_encoder::ScaffoldEncoder;
+use crate::perception::Text;
+use crate::perception::anchors::{AnchorSet, Family};
+use crate::perception::scaffold_encoder::{self, ScaffoldEncoder, Timing};
 
-/// Anchor control in flash.
+/// Anchor control, left in the tensor table: a model costs no memory for layers that are used once a request.
 #[derive(Debug, Clone, Copy)]
 pub struct Control<'a> {
-    scaffold: ScaffoldEncoder<'a>,
+    config: ControlConfig,
+    timing: Timing,
     /// Width of the planner, `d`.
     width: u16,
     /// Blocks of the planner.
     layers: u8,
-    rank: u16,
-    /// Two layers a block, left in the tensor table.
+    first: Tensors<'a>,
+}
+
+/// Its layers.
+#[derive(Debug, Clone, Copy)]
+struct Layers<'a> {
+    scaffold: ScaffoldEncoder<'a>,
+    /// Two layers for each block of the planner, left in the tensor table.
     projections: Tensors<'a>,
     context: Option<Context<'a>>,
     /// Bounds of what it tells a row, and of its keys and values.
@@ -43,94 +51,104 @@ struct Context<'a> {
     local: Linear<'a>,
 }
 
-/// The layers that make keys and values of one block: `ds` to `r`, `r` to `2 d`.
-fn projection<'a>(
-    tensors: &mut Tensors<'a>,
-    scaffold: usize,
-    rank: u16,
-    width: u16,
-) -> Result<(Linear<'a>, Linear<'a>), Error> {
-    let down = Linear::open(tensors, scaffold as u16, rank)?;
-    Ok((down, Linear::open(tensors, rank, width.saturating_mul(2))?))
-}
-
 impl<'a> Control<'a> {
-    /// Reads anchor control of a planner of `layers` blocks of `width` from the next tensors, for motions of `rate` frames a second,
-    /// `frames` of them a token and at most `max_tokens` tokens, and checks that activations stay finite.
+    /// Checks anchor control of `planner` in the next tensors, for motions of such `timing`, and that activations stay finite: its own,
+    /// and those of the planner that it conditions.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(
         tensors: &mut Tensors<'a>,
         config: &ControlConfig,
+        timing: Timing,
         planner: &Planner<'_>,
-        (rate, frames, max_tokens): (u16, u16, u16),
+        text: &Text<'_>,
     ) -> Result<Self, Error> {
-        let scaffold = ScaffoldEncoder::open(tensors, config, rate, frames, max_tokens)?;
-        let (width, layers, rank) = (planner.width() as u16, planner.layers() as u8, config.rank);
-        let projections = tensors.trusted();
-        let bound = scaffold.bound();
+        let (width, layers) = (planner.width() as u16, planner.layers() as u8);
+        let control = Control { config: *config, timing, width, layers, first: tensors.trusted() };
+        planner.check(text, control.layers(tensors)?.bounds)?;
+        Ok(control)
+    }
+
+    /// Reads its layers from the next tensors. Bounds are those of what it tells a row, and of its keys and values.
+    #[inline(never)]
+    fn layers(&self, tensors: &mut Tensors<'a>) -> Result<Layers<'a>, Error> {
+        let scaffold = ScaffoldEncoder::open(tensors, &self.config, self.timing)?;
+        let (projections, bound) = (tensors.trusted(), scaffold.bound());
         let mut values = 0.0;
-        for _ in 0..layers {
+        for _ in 0..self.layers {
             let index = tensors.index();
-            let (down, kv) = projection(tensors, scaffold.width(), rank, width)?;
+            let (down, kv) = self.projection(tensors)?;
             values = larger(values, kv.bound(below(down.bound(bound), MAX_INPUT, index)?));
         }
         let (mut context, mut share) = (None, 0.0);
-        if config.context {
-            let (index, inner) = (tensors.index(), config.scaffold.width);
+        if self.config.context {
+            let (index, inner) = (tensors.index(), self.config.scaffold.width);
             let enter = Linear::open(tensors, inner, inner)?;
-            let leave = Linear::open(tensors, inner, width)?;
-            let local = Linear::open(tensors, inner, width)?;
+            let leave = Linear::open(tensors, inner, self.width)?;
+            let local = Linear::open(tensors, inner, self.width)?;
             let global = leave.bound(below(enter.bound(bound), MAX_INPUT, index)?);
             share = larger(global, local.bound(bound));
             context = Some(Context { enter, leave, local });
         }
-        Ok(Control { scaffold, width, layers, rank, projections, context, bounds: (share, values) })
+        Ok(Layers { scaffold, projections, context, bounds: (share, values) })
     }
 
-    /// Bounds of what it tells a row, and of its keys and values.
-    #[must_use]
-    pub const fn bounds(&self) -> (f32, f32) {
-        self.bounds
+    /// The layers that make keys and values of one block: `ds` to `r`, `r` to `2 d`.
+    fn projection(&self, tensors: &mut Tensors<'a>) -> Result<(Linear<'a>, Linear<'a>), Error> {
+        let rank = self.config.rank;
+        let down = Linear::open(tensors, self.config.scaffold.width, rank)?;
+        Ok((down, Linear::open(tensors, rank, self.width.saturating_mul(2))?))
     }
 
-    /// The encoder of anchors.
+    /// Whether it was trained for anchors of a family; it passes over others.
     #[must_use]
-    pub const fn scaffold(&self) -> &ScaffoldEncoder<'a> {
-        &self.scaffold
+    pub const fn sees(&self, family: Family) -> bool {
+        family.bit() & self.config.families != 0
+    }
+
+    /// Width of the scaffold, `ds`.
+    #[must_use]
+    pub const fn scaffold_width(&self) -> usize {
+        self.config.scaffold.width as usize
+    }
+
+    /// How the width of the scaffold is split.
+    #[must_use]
+    pub const fn scaffold_heads(&self) -> Heads {
+        heads(&self.config.scaffold)
     }
 
     /// Rows of the planner that are told something, of a motion of `tokens` tokens.
     #[must_use]
     pub const fn shares(&self, tokens: usize) -> usize {
-        if self.context.is_some() { 1 + tokens } else { 0 }
+        if self.config.context { 1 + tokens } else { 0 }
     }
 
     /// What a [`Scratch`] must serve for so many tokens.
     #[must_use]
     pub fn sizes(&self, tokens: usize) -> Sizes {
-        let (width, rank, inner) = (usize::from(self.width), usize::from(self.rank), self.scaffold.width());
-        let inner = Sizes { width: rank, inputs: inner, outputs: inner, ..Sizes::default() };
-        let outer = Sizes { width, inputs: rank, outputs: width, ..Sizes::default() };
-        self.scaffold.sizes(tokens).with(inner).with(outer)
+        let [width, rank, inner] = [self.width, self.config.rank, self.config.scaffold.width].map(usize::from);
+        let low = Sizes { width: rank, inputs: inner, outputs: rank, ..Sizes::default() };
+        let high = Sizes { width, inputs: rank, outputs: width, ..Sizes::default() };
+        scaffold_encoder::sizes(&self.config, self.timing, tokens).with(low).with(high)
     }
 
     /// Numbers of `work` in [`Control::read`].
     #[must_use]
     pub const fn work(&self) -> usize {
-        // The mean, then what the encoder needs, then one more row of that width in its place.
-        self.scaffold.width() + self.scaffold.work() + self.scaffold.width()
+        // The mean, then what the encoder needs, in its place one more row of that width.
+        2 * self.scaffold_width() + scaffold_encoder::work(&self.config, self.timing)
     }
 
     /// Multiply-accumulates of [`Control::read`] for so many tokens.
     #[must_use]
     pub fn macs(&self, tokens: usize) -> u64 {
-        let (width, rank, inner) = (u64::from(self.width), u64::from(self.rank), self.scaffold.width() as u64);
+        let [width, rank, inner] = [self.width, self.config.rank, self.config.scaffold.width].map(u64::from);
         let rows = tokens as u64;
         let low = u64::from(self.layers) * rows * rank * (inner + 2 * width);
-        let context = if self.context.is_some() { inner * (inner + width) + rows * inner * width } else { 0 };
-        self.scaffold.macs(tokens) + low + context
+        let context = if self.config.context { inner * (inner + width) + rows * inner * width } else { 0 };
+        scaffold_encoder::macs(&self.config, self.timing, tokens) + low + context
     }
 
     /// What `anchors` tell the planner of a motion of as many tokens as `h [L][ds]` has rows, into `condition`. `h` and `own` are
@@ -150,19 +168,21 @@ impl<'a> Control<'a> {
         scratch: &mut Scratch<'_>,
         check: Check<'_>,
     ) -> Result<(), Interrupted> {
-        let inner = self.scaffold.width().max(1);
+        // They opened once, so they open again.
+        let mut tensors = self.first;
+        let Ok(layers) = self.layers(&mut tensors) else { return Ok(()) };
+        let Layers { scaffold, mut projections, context, .. } = layers;
+        let inner = self.scaffold_width().max(1);
         let (mean, work) = work.split_at_mut_checked(inner).unwrap_or_default();
-        self.scaffold.encode(anchors, h, mean, own, work, scratch, check)?;
+        scaffold.encode(anchors, h, mean, own, work, scratch, check)?;
         condition.rows = h.len() / inner;
-        let mut projections = self.projections;
         for layer in 0..usize::from(self.layers) {
-            // They opened once, so they open again.
-            let Ok((down, kv)) = projection(&mut projections, inner, self.rank, self.width) else { break };
+            let Ok((down, kv)) = self.projection(&mut projections) else { break };
             let mut segment = condition.layer_mut(planner.heads(), layer);
             project_low_rank(planner.heads(), &down, &kv, h, &mut segment, scratch);
             check()?;
         }
-        if let Some(Context { enter, leave, local }) = &self.context {
+        if let Some(Context { enter, leave, local }) = &context {
             let width = usize::from(self.width).max(1);
             let (global, locals) = condition.shares.split_at_mut_checked(width).unwrap_or_default();
             let hidden = work.get_mut(..inner).unwrap_or_default();

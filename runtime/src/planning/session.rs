@@ -97,11 +97,10 @@ impl<'m, 'b> Modules<'m, 'b> {
         }
         let (mut x, mut logits) = (most(memory * dt, rows * d), BLOCK * self.planner.codes());
         if let Some(control) = control {
-            let scaffold = control.scaffold();
             sizes = sizes.with(control.sizes(tokens));
-            own = most(own, tokens * scaffold.width());
-            own_scales = most(own_scales, tokens * scaffold.heads().count);
-            x = most(x, tokens * scaffold.width());
+            own = most(own, tokens * control.scaffold_width());
+            own_scales = most(own_scales, tokens * control.scaffold_heads().count);
+            x = most(x, tokens * control.scaffold_width());
             logits = most(logits, control.work());
         }
         Lengths {
@@ -313,9 +312,8 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
     /// [`Interrupted`] when `check` says so; it is asked behind every block.
     pub fn anchor(&mut self, anchors: &AnchorSet, tokens: usize, check: Check<'_>) -> Result<(), Interrupted> {
         let Modules { planner, control: Some(control), .. } = self.modules else { return Ok(()) };
-        let scaffold = control.scaffold();
-        let Some(h) = self.x.get_mut(..tokens * scaffold.width()) else { return Ok(()) };
-        if !self.anchored || !anchors.iter().any(|anchor| scaffold.sees(anchor.family)) {
+        let Some(h) = self.x.get_mut(..tokens * control.scaffold_width()) else { return Ok(()) };
+        if !self.anchored || !anchors.iter().any(|anchor| control.sees(anchor.family)) {
             return Ok(());
         }
         let mut own = SegmentMut {
