@@ -95,10 +95,7 @@ fn the_motion_s_length_is_said() {
     assert_eq!(message, "anchor 1: frame 100 (5.00 s) lies beyond the end: the motion has 100 frames (5.00 s)");
     let conflict = [Anchor::root(0, [0.0; 3]), Anchor::planar_root(0, [1.0, 0.0])];
     let message = check(&conflict, 10).expect_err("two places").to_string();
-    assert_eq!(
-        message,
-        "anchors 0 and 1: both say where pelvis is at frame 0 (0.00 s), and disagree; remove one"
-    );
+    assert_eq!(message, "anchors 0 and 1: both say where pelvis is at frame 0 (0.00 s), and disagree; remove one");
     let conflict = [anchors[0], Anchor::joint(30, 21, [0.0; 3]), anchors[0], Anchor::joint(30, 21, [0.0, 0.0, 1.0])];
     let found = check(&conflict, 100);
     assert!(
