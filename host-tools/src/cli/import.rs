@@ -1,4 +1,4 @@
-//! `motionette import`: recordings into a dataset.
+//! `motionette import`: recordings into a dataset, constraint files into anchors.
 
 use std::path::PathBuf;
 
@@ -7,13 +7,15 @@ use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use super::{bar, say};
+use crate::anchors_file;
 use crate::dataset::{Dataset, Split};
 use crate::import::bvh::Mapping;
 use crate::import::collect::SplitChoice;
-use crate::import::{Summary, humanml, pack, recordings};
+use crate::import::{Summary, humanml, kimodo, pack, recordings};
 use crate::motion::features::{Bones, Options};
 
-/// Reads recordings and writes one dataset file: joints, features, captions, splits, hashes.
+/// Reads recordings and writes one dataset file: joints, features, captions, splits, hashes. Reads other programs' constraints and writes
+/// an anchors file.
 #[derive(Debug, Args)]
 pub(super) struct Cmd {
     #[command(subcommand)]
@@ -25,6 +27,7 @@ enum Source {
     Pack(Pack),
     Bvh(Bvh),
     Humanml(HumanMl),
+    Kimodo(Kimodo),
 }
 
 /// What every kind of import takes.
@@ -114,6 +117,61 @@ struct HumanMl {
     common: Common,
 }
 
+/// A constraint file of Kimodo: waypoints, and the pelvis of poses, as anchors.
+///
+/// What has no anchor (rotations, headings) is listed.
+///
+/// Example: motionette import kimodo constraints.json -o anchors.json
+#[derive(Debug, Args)]
+struct Kimodo {
+    /// The constraint file.
+    file: PathBuf,
+    /// The anchors file to write.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Frames a second of its frame numbers.
+    #[arg(long, default_value_t = kimodo::KIMODO_FPS, value_parser = rate)]
+    fps: f64,
+    /// Keep one pelvis anchor each so many seconds of a drawn path, and the last.
+    #[arg(long, default_value_t = 0.0, value_name = "SECONDS", value_parser = seconds)]
+    every: f64,
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(rate) if (1.0..=1000.0).contains(&rate) => Ok(rate),
+        _ => Err("must be from 1 to 1000".into()),
+    }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if (0.0..=1e6).contains(&seconds) => Ok(seconds),
+        _ => Err("must be a number of seconds".into()),
+    }
+}
+
+impl Kimodo {
+    fn run(&self) -> Result<Value> {
+        let imported = kimodo::read(&self.file, self.fps, self.every)
+            .with_context(|| format!("importing {}", self.file.display()))?;
+        for left in &imported.left_out {
+            say(&format!("left out, set {} ({}): {}", left.set, left.kind, left.what));
+        }
+        if imported.merged > 0 {
+            say(&format!("{} entries gave way to others at the same frame and joint", imported.merged));
+        }
+        anchors_file::write(&self.output, &imported.anchors)?;
+        say(&format!("{}: {} anchors", self.output.display(), imported.anchors.len()));
+        Ok(json!({
+            "output": self.output,
+            "anchors": imported.anchors.len(),
+            "merged": imported.merged,
+            "left_out": imported.left_out,
+        }))
+    }
+}
+
 impl Cmd {
     pub(super) fn run(self) -> Result<Value> {
         let bar = bar(0, "clips");
@@ -139,6 +197,10 @@ impl Cmd {
                 let Labels { subset, split, skip_bad } = labels;
                 let request = humanml::Request { folder, subset, split, shortest, skip_bad, options };
                 (common, humanml::import(&request, &progress)?)
+            }
+            Source::Kimodo(kimodo) => {
+                bar.finish_and_clear();
+                return kimodo.run();
             }
         };
         bar.finish_and_clear();

@@ -1,9 +1,10 @@
-//! Recordings in, dataset out.
+//! Recordings in, dataset out; constraint files in, anchors out.
 
 pub mod bvh;
 pub mod captions;
 pub mod collect;
 pub mod humanml;
+pub mod kimodo;
 pub mod npy;
 pub mod pack;
 pub mod recordings;

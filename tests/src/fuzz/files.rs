@@ -1,9 +1,10 @@
-//! Mutated files for the host tools: BVH recordings, anchor files, checkpoints. Each is read or refused, never more.
+//! Mutated files for the host tools: BVH recordings, anchor files, constraint files, checkpoints. Each is read or refused, never more.
 
 use std::fmt::Display;
 
 use motionette::hash::Stream;
-use motionette_host::{anchors_file, checkpoint, import::bvh};
+use motionette_host::import::{bvh, kimodo};
+use motionette_host::{anchors_file, checkpoint};
 
 use super::Tally;
 
@@ -42,6 +43,16 @@ const ANCHORS: &str = r#"{"anchors": [
   {"time": 4.0, "planar_root": [2.0, 3.5]}
 ]}"#;
 
+/// Constraint sets of each kind, positions of 22 joints among them.
+const CONSTRAINTS: &str = r#"[
+  {"type": "root2d", "frame_indices": [0, 30, 60], "smooth_root_2d": [[0, 0], [0.5, 0], [1, 0.1]], "global_root_heading": [[1, 0], [1, 0], [0, 1]]},
+  {"type": "fullbody", "frame_indices": [90], "local_joints_rot": [[[0, 0, 0], [0, 0.1, 0]]], "root_positions": [[0, 0.9, 1.5]]},
+  {"type": "right-hand", "frame_indices": [45], "local_joints_rot": [[[0, 0, 0]]], "root_positions": [[0, 0.9, 1]]},
+  {"type": "end-effector", "joint_names": ["LeftHand", "RightFoot", "Hips"], "frame_indices": [15], "global_joints_positions": [[
+    [0, 0.9, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 0.1, 0], [0, 0.1, 0], [0, 1, 0], [0, 1, 0],
+    [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0.2, 1.4, 0], [0, 1, 0]]]}
+]"#;
+
 /// Words that readers of text stumble over.
 const WORDS: [&str; 24] = [
     "0.25",
@@ -76,7 +87,7 @@ const WORDS: [&str; 24] = [
 /// A refusal without words.
 pub fn case(random: &mut Stream, tally: &mut Tally) -> Result<(), String> {
     let times = 1 + random.below(2);
-    match random.below(3) {
+    match random.below(4) {
         0 => {
             let text = mutated_text(BVH, times, random);
             note("recording", bvh::parse(&text).map_err(|(_, problem)| problem), tally)
@@ -84,6 +95,14 @@ pub fn case(random: &mut Stream, tally: &mut Tally) -> Result<(), String> {
         1 => {
             let text = mutated_text(ANCHORS, times, random);
             note("anchor file", anchors_file::parse(&text), tally)
+        }
+        2 => {
+            let text = mutated_text(CONSTRAINTS, times, random);
+            let imported = kimodo::parse(&text, kimodo::KIMODO_FPS, 0.0);
+            if let Ok(imported) = &imported {
+                anchors_file::text(&imported.anchors).map_err(|error| format!("imported, but no file: {error}"))?;
+            }
+            note("constraint file", imported, tally)
         }
         _ => {
             let mut bytes = safetensors_file();

@@ -1,5 +1,5 @@
 //! A seeded, structure-aware fuzzer for what comes from outside: blobs, tokens, anchors, settings and streams for the runtime;
-//! recordings, anchor files and checkpoints for the host tools.
+//! recordings, anchor, constraint and checkpoint files for the host tools.
 //!
 //! Every case is made from `(seed, case number)` alone, so a failure is repeated by those two numbers. A case fails when
 //! anything panics, or when the runtime returns a number that is not finite, takes another amount of memory than it planned,
