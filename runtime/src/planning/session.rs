@@ -371,7 +371,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             value_scales: self.value_scales,
         };
         let input = Input { tokens, time, planning };
-        planner.forward(&input, &self.text, &self.anchors, x, &mut own, &mut self.scratch, check)?;
+        planner.forward(&input, &self.text, Some(&self.anchors), x, &mut own, &mut self.scratch, check)?;
         if !planning.guided() || self.hidden.is_empty() {
             return Ok(());
         }
@@ -379,7 +379,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             *to = *from;
         }
         // What guides is text and anchors together: the other end knows neither.
-        planner.forward(&input, &self.none, &Condition::none(), x, &mut own, &mut self.scratch, check)?;
+        planner.forward(&input, &self.none, None, x, &mut own, &mut self.scratch, check)?;
         for (none, text) in x.iter_mut().skip(width).zip(self.hidden.iter()) {
             *none += planning.guidance * (*text - *none);
         }

@@ -182,7 +182,7 @@ impl<'a> Planner<'a> {
         &self,
         input: &Input<'_>,
         text: &Condition<'_>,
-        anchors: &Condition<'_>,
+        anchors: Option<&Condition<'_>>,
         x: &mut [f32],
         own: &mut SegmentMut<'_>,
         scratch: &mut Scratch<'_>,
@@ -212,13 +212,14 @@ impl<'a> Planner<'a> {
             }
         }
         let heads = self.heads();
-        if anchors.rows > 0 {
+        let anchors = anchors.filter(|anchors| anchors.rows > 0);
+        if let Some(anchors) = anchors {
             for (x, share) in x.iter_mut().zip(anchors.shares.iter()) {
                 *x += *share;
             }
         }
         for (layer, block) in self.stack.blocks().enumerate() {
-            let extra = if anchors.rows > 0 { Some(anchors.layer(heads, layer)) } else { None };
+            let extra = anchors.map(|anchors| anchors.layer(heads, layer));
             block.forward(x, own, extra, Some(text.layer(heads, layer)), scratch);
             check()?;
         }
