@@ -64,7 +64,7 @@ fn decoder(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
 fn planner(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
     let Some(modules) = model.planning() else { return Ok(()) };
     let tokens = model.max_tokens();
-    let limits = Limits { words: PROMPT.split(' ').count(), steps: 1, guided: false };
+    let limits = Limits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false };
     let mut memory = vec![0u128; modules.bytes(tokens, &limits).div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens, &limits)?;
@@ -76,7 +76,7 @@ fn planner(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
     let seconds = fastest(|| {
         let _ = session.pass(black_box(&ids), 0.5, &planning, &mut || Ok(()));
     });
-    let macs = modules.planner.pass_macs(tokens, limits.words);
+    let macs = modules.planner.pass_macs(tokens, 0, limits.words);
     report("planner pass", seconds, macs, session.logits(tokens - 1));
     let step = session.tmd().step(0.5, 0.6);
     let seconds = fastest(|| session.advance(&planning, Some(&step), &mut stream, &mut ids));
