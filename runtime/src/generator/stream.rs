@@ -40,7 +40,7 @@ pub struct Segment {
 /// ```no_run
 /// # use motionette::{Error, Generator, Length, Request, StreamLimits, planning::Limits};
 /// # fn run(generator: &mut Generator<'_>, mut play: impl FnMut(&motionette::Frame)) -> Result<(), Error> {
-/// let planning = Limits { words: 32, steps: 10, guided: true };
+/// let planning = Limits { words: 32, steps: 10, guided: true, anchors: false };
 /// let mut stream = generator.stream(&StreamLimits { tokens: 49, planning: Some(planning) })?;
 /// for prompt in ["a person walks", "a person walks", "a person waves the right hand"] {
 ///     stream.plan(&Request::text(prompt).length(Length::Tokens(12)), &mut ())?;
