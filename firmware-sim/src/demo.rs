@@ -1,20 +1,22 @@
-//! The main job: a prompt or a real motion through the embedded runtime, bent onto anchors, played by a virtual robot,
-//! checked against the reference, written to a folder.
+//! The main job: a prompt and anchors, or a real motion, through the embedded runtime, bent onto the anchors, played by a virtual
+//! robot, checked against the reference, written to a folder.
 
 use crate::bundle;
-use crate::report::{self, Parts, Report};
+use crate::intervals;
+use crate::report::{Parts, Report};
 use crate::robot::{self, Recorder};
 use crate::session::{self, Outcome};
 use crate::source::{self, Content, Source};
-use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownAnchor, ShownPlan, ShownStage, ShownWord};
+use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownStage, ShownWord};
 use anyhow::{Context, bail};
 use clap::Args;
 use motionette::hash::Stream;
 use motionette::motion::skeleton::{NAMES, PARENTS};
+use motionette::perception::anchors::AnchorSet;
 use motionette::perception::text::{UNKNOWN, Words};
 use motionette::planning::{Length, Planning};
 use motionette::refining::{Activity, Basis, Config};
-use motionette::{Model, Request};
+use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob_file::BlobFile;
 use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};
@@ -22,6 +24,7 @@ use motionette_host::convert::AlignedBlob;
 use motionette_host::motion::Pose;
 use motionette_host::reference::{Prior, Road};
 use motionette_host::verify::planner::{self, Case};
+use motionette_host::verify::solvers::reference_anchor;
 use motionette_host::{anchors_file, export, output};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -55,6 +58,9 @@ pub struct Cmd {
     /// Anchors (docs/anchors.md); none, or those of a bundled motion, if nothing is said.
     #[arg(long, value_name = "FILE.json")]
     anchors: Option<PathBuf>,
+    /// Plan as if there were no anchors and only bend the motion onto them.
+    #[arg(long, conflicts_with_all = ["clip", "bvh"])]
+    unconditioned: bool,
     /// off, fast:N (N decoder evaluations), rs100, rs200, rs500 (RouteSolver as published), or rs200 with an ablation:
     /// rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled.
     #[arg(long, default_value = "fast:20", value_parser = refinement)]
@@ -71,6 +77,10 @@ pub struct Cmd {
     /// The unquantised checkpoint of text encoder and planner; models/nano.prior.safetensors of this project if nothing is said.
     #[arg(long, value_name = "FILE")]
     prior: Option<PathBuf>,
+    /// The unquantised checkpoint of anchor control, if the model has it; models/nano.control.safetensors of this project if nothing
+    /// is said.
+    #[arg(long, value_name = "FILE")]
+    control: Option<PathBuf>,
     /// Folder for the results.
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
@@ -149,21 +159,15 @@ impl Cmd {
         }
         let config = self.refinement.0.map(|config| Config { seed: self.seed as u32, ..config });
         let bar = motionette_host::cli::bar(u64::from(config.map_or(0, |c| c.evaluations)), "decoder evaluations");
-        let request = match &source.content {
-            Content::Tokens(tokens) => Request::tokens(tokens),
-            Content::Prompt(text) => Request::text(text).planned(self.planning(&model)),
-        };
-        let after = session::run(&model, &session::through(request, &source.anchors, config), |_| ())
-            .with_context(|| self.hint(&source))?;
-        // Without anchors nothing is bent; with them the same tokens are decoded as they are.
-        let before = match after.refinement {
-            None => after.clone(),
-            Some(_) => session::run(&model, &Request::tokens(&after.tokens), |_| ())?,
-        };
+        let motions = self.motions(&model, &source, config)?;
         bar.finish_and_clear();
+        let after = &motions.after;
         let plan = match &source.content {
             Content::Tokens(_) => None,
-            Content::Prompt(text) => Some(self.compare_planners(text, &blob, &checkpoint, &after)?),
+            Content::Prompt(text) => {
+                let anchors = if motions.alone.is_some() { &source.anchors[..] } else { &[] };
+                Some(self.compare_planners(text, anchors, &blob, &checkpoint, after)?)
+            }
         };
 
         let started = Instant::now();
@@ -175,6 +179,12 @@ impl Cmd {
 
         let mut body = Recorder::default();
         let robot = robot::play(&after.joints, model.frame_rate(), TICK_MICROSECONDS, &mut body);
+        let unseen = plan.is_some() && after.unconditioned_anchors > 0;
+        let unconditioned_because = match unseen {
+            true if self.unconditioned => Some("--unconditioned".to_owned()),
+            true => Some(blob.unconditioned_because()?),
+            false => None,
+        };
         let report = Report::from(&Parts {
             clip: &source.name,
             caption: &source.caption,
@@ -183,26 +193,47 @@ impl Cmd {
             unknown_words: plan.as_ref().map_or_else(Vec::new, Compared::unknown),
             planner_token_agreement: plan.as_ref().map(|plan| plan.agreement),
             anchors: &source.anchors,
-            before: &before,
-            after: &after,
+            unconditioned_because,
+            alone: motions.alone.as_ref(),
+            before: &motions.before,
+            after,
             agreement,
             reference_ms,
             robot,
             blob_bytes: model.bytes().len(),
         });
-        for (label, value) in report.lines() {
+        for (label, value) in report.lines().into_iter().chain(report.anchor_lines()) {
             say(&format!("  {label:28}{value}"));
         }
-        self.write(
-            &Results { source: &source, before: &before, after: &after, plan: plan.as_ref() },
-            &reference,
-            &report,
-        )?;
+        self.write(&Results { source: &source, motions: &motions, plan: plan.as_ref() }, &reference, &report)?;
         say(&format!("  results                     {}", self.out.join("viewer.html").display()));
         if self.json {
             say(&serde_json::to_string(&report)?);
         }
         Ok(())
+    }
+
+    /// The request's motion and those that show what each stage did to it.
+    fn motions(&self, model: &Model<'_>, source: &Source, config: Option<Config>) -> anyhow::Result<Motions> {
+        let request = match &source.content {
+            Content::Tokens(tokens) => Request::tokens(tokens),
+            Content::Prompt(text) => Request::text(text).planned(self.planning(model)),
+        };
+        let through = session::through(request, &source.anchors, config);
+        let after = session::run(model, &through, |_| ()).with_context(|| self.hint(source))?;
+        // Without anchors nothing is bent; with them the same tokens are decoded as they are.
+        let before = match after.refinement {
+            None => after.clone(),
+            Some(_) => session::run(model, &Request::tokens(&after.tokens), |_| ())?,
+        };
+        let distinct = AnchorSet::new(&source.anchors, after.joints.len())?.len();
+        // Anchors may have made a motion of predicted length longer: it is to be compared frame by frame.
+        let same_length = Length::Tokens((after.tokens.len() / model.codebooks().quantizers().max(1)) as u16);
+        let alone = match usize::from(after.unconditioned_anchors) < distinct {
+            true => Some(session::run(model, &request.length(same_length), |_| ())?),
+            false => None,
+        };
+        Ok(Motions { alone, before, after })
     }
 
     /// What the request is made from, its anchors checked.
@@ -211,7 +242,7 @@ impl Cmd {
             (Some(text), _, _) => source::prompt(text),
             (None, Some(path), _) => source::recording(path, checkpoint, model.max_tokens())?,
             (None, None, Some(name)) => source::bundled(Some(name))?,
-            (None, None, None) => source::default_job(),
+            (None, None, None) => source::default_job()?,
         };
         if let Some(path) = &self.anchors {
             source.anchors = anchors_file::read(path)?;
@@ -238,7 +269,8 @@ impl Cmd {
             Some(s) => Length::Frames(self.frames(s, model).try_into().unwrap_or(u16::MAX)),
             None => Length::Predicted,
         };
-        Planning { length, seed: self.seed, steps: self.steps, guidance: self.guidance, ..Planning::DEFAULT }
+        let (seed, steps, guidance, conditioned) = (self.seed, self.steps, self.guidance, !self.unconditioned);
+        Planning { length, seed, steps, guidance, conditioned, ..Planning::DEFAULT }
     }
 
     /// What may have been wrong with a request that the runtime refused.
@@ -270,10 +302,12 @@ impl Cmd {
         })
     }
 
-    /// Asks the reference what it would have proposed in the runtime's place, at every step.
+    /// Asks the reference what it would have proposed in the runtime's place, at every step. `anchors` are those that the planner was
+    /// given.
     fn compare_planners(
         &self,
         prompt: &str,
+        anchors: &[Anchor],
         blob: &BlobFile,
         tokenizer: &TokenizerCheckpoint,
         after: &Outcome,
@@ -283,16 +317,25 @@ impl Cmd {
             "the reference needs the unquantised checkpoint of text encoder and planner: run from the project's folder or give --prior"
         })?;
         motionette_host::verify::check_same_prior(blob, &checkpoint)?;
-        let prior = Prior::<f32>::new(&checkpoint, tokenizer);
+        let mut prior = Prior::<f32>::new(&checkpoint, tokenizer);
+        if !anchors.is_empty() {
+            let path = Self::model_file(self.control.as_ref(), "nano.control.safetensors");
+            let control = checkpoint::control::load(&path).with_context(|| {
+                "the reference needs the unquantised checkpoint of anchor control: run from the project's folder or give --control"
+            })?;
+            control.check_prior(&checkpoint, tokenizer).context("matching control and prior")?;
+            motionette_host::verify::check_same_control(blob, &control)?;
+            prior = prior.controlled(&control, tokenizer.config.fps);
+        }
         let read = prior.text.read(prompt)?;
         let case = Case {
             id: "prompt".into(),
             prompt: prompt.to_owned(),
             words: read.ids,
             tokens: after.tokens.clone(),
-            anchors: Vec::new(),
+            anchors: anchors.iter().map(reference_anchor).collect(),
         };
-        let guided = prior.guided(&case.words, 1.0);
+        let guided = case.guided(&prior, 1.0);
         let codes = prior.planner.codes;
         // The first step saw random tokens, every other one what the step before it left.
         let mut stream = Stream::new(self.seed);
@@ -319,33 +362,27 @@ impl Cmd {
     }
 
     fn write(&self, results: &Results<'_>, reference: &[Pose], report: &Report) -> anyhow::Result<()> {
-        let Results { source, before, after, plan } = *results;
+        let Results { source, motions, plan } = *results;
+        let Motions { alone, before, after } = motions;
         std::fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot make the folder {}; give another one with --out", self.out.display()))?;
         let frame_time = 1.0 / 20.0;
         for (name, motion) in [("before.bvh", &before.joints), ("motion.bvh", &after.joints)] {
             output::write_atomic(self.out.join(name), |file| export::bvh::write_bvh(motion, frame_time, file))?;
         }
-        let anchors: Vec<ShownAnchor> = source
-            .anchors
-            .iter()
-            .map(|anchor| {
-                let (joint, name, target) = report::describe(anchor);
-                let before_cm = report::anchor_cm(&before.joints, anchor);
-                let after_cm = report::anchor_cm(&after.joints, anchor);
-                ShownAnchor { name, joint, frame: anchor.frame, target, before_cm, after_cm }
-            })
-            .collect();
-        let rows: Vec<(String, f64, f64)> = anchors
-            .iter()
-            .map(|a| (format!("{} at {:.2} s", a.name, f64::from(a.frame) / 20.0), a.before_cm, a.after_cm))
-            .collect();
-        let mut motions = vec![
-            Shown::new("before", "before: as the tokens say", &before.joints),
-            Shown::new("after", "after: bent onto the anchors", &after.joints),
-            Shown::new("reference", "f32 reference of the same embeddings", reference),
-        ];
-        motions.rotate_left(1);
+        let mut shown = vec![Shown::new("after", "Refined", "bent onto the anchors", &after.joints)];
+        shown.push(match plan {
+            None => Shown::new("before", "As given", "as the tokens say, before refinement", &before.joints),
+            Some(_) => Shown::new("before", "Generated", "as it was planned, before refinement", &before.joints),
+        });
+        if let Some(alone) = alone {
+            let label = "what the planner makes when it does not see the anchors";
+            shown.push(Shown::new("alone", "Prompt alone", label, &alone.joints));
+        }
+        shown.push(Shown::new("reference", "Reference", "f32 reference of the refined embeddings", reference));
+        let tolerance = self.refinement.0.unwrap_or_default().tolerance;
+        let compared: [&[Pose]; 2] = [&before.joints, &after.joints];
+        let intervals = intervals::of(&source.anchors, report.tokens, &compared, &tolerance)?;
         let scene = Scene {
             title: source.name.clone(),
             caption: source.caption.clone(),
@@ -360,16 +397,19 @@ impl Cmd {
             stages: stages(after),
             joint_names: NAMES.to_vec(),
             parents: PARENTS.to_vec(),
-            motions,
-            anchors,
+            motions: shown,
+            anchors: report.anchor_errors.clone(),
+            note: report.unconditioned_because.as_ref().map(|_| format!("The planner saw {}.", report.seen())),
+            intervals,
             curve: curve(&after.errors),
+            error_alone_cm: report.control_error_unconditioned_cm.filter(|_| report.planner_conditioned),
             error_before_cm: report.control_error_before_cm,
             error_after_cm: report.control_error_after_cm,
             facts: report.lines().into_iter().map(|(label, value)| Fact { label, value }).collect(),
         };
         let page = viewer::page(&scene)?;
         output::write_atomic(self.out.join("viewer.html"), |file| file.write_all(page.as_bytes()))?;
-        let markdown = report.markdown(&rows);
+        let markdown = report.markdown();
         output::write_atomic(self.out.join("summary.md"), |file| file.write_all(markdown.as_bytes()))?;
         let json = serde_json::to_string_pretty(report)?;
         output::write_atomic(self.out.join("summary.json"), |file| writeln!(file, "{json}"))?;
@@ -381,9 +421,18 @@ impl Cmd {
 #[derive(Clone, Copy)]
 struct Results<'r> {
     source: &'r Source,
-    before: &'r Outcome,
-    after: &'r Outcome,
+    motions: &'r Motions,
     plan: Option<&'r Compared>,
+}
+
+/// The motions of a run.
+struct Motions {
+    /// What the prompt alone gives, where the planner of the others saw anchors.
+    alone: Option<Outcome>,
+    /// As it was planned or given.
+    before: Outcome,
+    /// Bent onto the anchors.
+    after: Outcome,
 }
 
 /// A prompt as the model read it, and how the planner compares with the reference.

@@ -4,8 +4,9 @@
 //! |---|---|
 //! | [`demo`] | the main job: a request through runtime, robot loop and reference, results in a folder |
 //! | [`bundle`] | the token sequences of real test motions that come with the simulator, and how they are made |
-//! | [`source`] | where a request's tokens come from: the bundle or the user's BVH file |
+//! | [`source`] | what a request is made from: a prompt, the bundle or the user's BVH file |
 //! | [`session`] | one request through the runtime, watched: timings, memory, control-error curve |
+//! | [`intervals`] | the intervals between anchors and their activity |
 //! | [`robot`] | the virtual robot: a clock, and a loop that consumes motion frames by their deadlines |
 //! | [`report`] | the figures of a run, as text, markdown and JSON |
 //! | [`viewer`] | the self-contained HTML page |
@@ -13,6 +14,7 @@
 
 pub mod bundle;
 pub mod demo;
+pub mod intervals;
 pub mod report;
 pub mod robot;
 pub mod session;

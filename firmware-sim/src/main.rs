@@ -17,8 +17,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Real motion through the runtime, bent onto anchors, checked, shown (the default).
-    Demo(demo::Cmd),
+    /// Text and anchors, or real motion, through the runtime, checked, shown (the default).
+    Demo(Box<demo::Cmd>),
     /// Make the bundled token sequences anew from a dataset and a checkpoint.
     Bundle(bundle::Cmd),
 }

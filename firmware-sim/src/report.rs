@@ -4,7 +4,6 @@ use crate::session::{self, Outcome};
 use motionette::{Anchor, JOINTS, Target};
 use motionette_host::agreement::ClipAgreement;
 use motionette_host::metrics;
-use motionette_host::motion::Pose;
 use serde::Serialize;
 
 /// Instructions a multiply-accumulate costs on a Cortex-M4 or M7 over whole requests, all other work included: the standard
@@ -34,10 +33,20 @@ pub struct Report {
     pub planner_token_agreement: Option<f64>,
     /// Anchors.
     pub anchors: usize,
-    /// Mean distance from the anchors without refinement, centimetres.
+    /// Distinct anchors that the planner did not see.
+    pub unconditioned_anchors: u16,
+    /// Why; null when it saw all of them, or had nothing to plan.
+    pub unconditioned_because: Option<String>,
+    /// Whether the planner saw any of the anchors.
+    pub planner_conditioned: bool,
+    /// Mean distance from the anchors of the motion that the prompt alone gives, centimetres; null when tokens were given.
+    pub control_error_unconditioned_cm: Option<f64>,
+    /// Of the motion as it was generated, with the planner seeing the anchors or as the tokens say, without refinement.
     pub control_error_before_cm: f64,
     /// And with it.
     pub control_error_after_cm: f64,
+    /// The same for each anchor.
+    pub anchor_errors: Vec<AnchorErrors>,
     /// Decoder evaluations of the refinement, line-search trials included.
     pub decoder_evaluations: u16,
     /// Decoder gradients of the refinement.
@@ -86,15 +95,27 @@ pub struct Report {
     pub motion_hash: String,
 }
 
-/// Distance of one anchor from a motion, centimetres.
-#[must_use]
-pub fn anchor_cm(motion: &[Pose], anchor: &Anchor) -> f64 {
-    100.0 * metrics::anchor_error(motion, anchor).unwrap_or(f64::NAN)
+/// An anchor and how far the motion of each stage misses it.
+#[derive(Debug, Clone, Serialize)]
+pub struct AnchorErrors {
+    /// What is anchored.
+    pub name: String,
+    /// Joint index.
+    pub joint: usize,
+    /// Frame.
+    pub frame: u16,
+    /// Target, metres: `[x, y, z]`, or `[x, z]` on the floor.
+    pub target: Vec<f32>,
+    /// Distance of the motion that the prompt alone gives, centimetres; null when tokens were given.
+    pub unconditioned_cm: Option<f64>,
+    /// Of the generated motion.
+    pub before_cm: f64,
+    /// Of the refined one.
+    pub after_cm: f64,
 }
 
 /// Joint, name and target coordinates of an anchor.
-#[must_use]
-pub fn describe(anchor: &Anchor) -> (usize, String, Vec<f32>) {
+fn describe(anchor: &Anchor) -> (usize, String, Vec<f32>) {
     match anchor.target {
         Target::Root(p) => (0, "root".into(), p.to_vec()),
         Target::PlanarRoot(p) => (0, "root on the floor".into(), p.to_vec()),
@@ -126,18 +147,25 @@ impl Report {
             ));
         }
         if self.anchors > 0 {
-            let (before, after) = (self.control_error_before_cm, self.control_error_after_cm);
-            lines.push(line(
-                "control error",
-                format!("{before:.2} cm before, {after:.2} cm after, {} anchors", self.anchors),
-            ));
+            if self.prompt.is_some() {
+                lines.push(line("planner saw", self.seen()));
+            }
+            let errors =
+                (self.control_error_unconditioned_cm, self.control_error_before_cm, self.control_error_after_cm);
+            lines.push(line("control error", format!("{}, {} anchors", self.by_stage(errors), self.anchors)));
+        }
+        if self.refined() {
             let (evaluations, gradients) = (self.decoder_evaluations, self.decoder_gradients);
             lines.push(line("refinement", format!("{evaluations} decoder evaluations, {gradients} gradients")));
             lines.push(line("distance |u - u0|", format!("{:.2}", self.du)));
         }
-        lines.push(line("jerk", format!("{:.0} m/s\u{b3} before, {:.0} after", self.jerk_before, self.jerk)));
-        let skating = (100.0 * self.foot_skating_before, 100.0 * self.foot_skating);
-        lines.push(line("foot skating", format!("{:.1} % of frames before, {:.1} % after", skating.0, skating.1)));
+        let made = self.made();
+        let refined = |text: String| if self.refined() { format!(", {text} refined") } else { String::new() };
+        let jerk = refined(format!("{:.0}", self.jerk));
+        lines.push(line("jerk", format!("{:.0} m/s\u{b3} {made}{jerk}", self.jerk_before)));
+        let skating = refined(format!("{:.1} %", 100.0 * self.foot_skating));
+        lines
+            .push(line("foot skating", format!("{:.1} % of frames {made}{skating}", 100.0 * self.foot_skating_before)));
         let (mean, max) = (self.reference_mean_mm, self.reference_max_mm);
         lines.push(line("against the f32 reference", format!("mean {mean:.2} mm, largest {max:.2} mm, root-aligned")));
         lines.push(line("root drift against it", format!("{:.2} mm at the end", self.root_drift_mm)));
@@ -162,20 +190,69 @@ impl Report {
         lines
     }
 
+    /// A line for each anchor.
+    #[must_use]
+    pub fn anchor_lines(&self) -> Vec<(String, String)> {
+        let lines = self.anchor_errors.iter().enumerate().map(|(i, anchor)| {
+            let errors = self.by_stage((anchor.unconditioned_cm, anchor.before_cm, anchor.after_cm));
+            (format!("anchor {}", i + 1), format!("{}: {errors}", anchor.place()))
+        });
+        lines.collect()
+    }
+
+    /// How the unrefined motion came about.
+    const fn made(&self) -> &'static str {
+        if self.prompt.is_some() { "generated" } else { "as given" }
+    }
+
+    /// Whether the motion was bent.
+    const fn refined(&self) -> bool {
+        self.decoder_evaluations > 0
+    }
+
+    /// Errors of the prompt alone, of the generated motion and of the refined one, as far as they differ.
+    fn by_stage(&self, (alone, before, after): (Option<f64>, f64, f64)) -> String {
+        let alone = alone.filter(|_| self.planner_conditioned);
+        let alone = alone.map_or_else(String::new, |cm| format!("{cm:.2} cm by the prompt alone, "));
+        let after = if self.refined() { format!(", {after:.2} cm refined") } else { String::new() };
+        format!("{alone}{before:.2} cm {}{after}", self.made())
+    }
+
+    /// What the planner saw of the anchors.
+    #[must_use]
+    pub fn seen(&self) -> String {
+        let because = self.unconditioned_because.as_deref().unwrap_or_default();
+        match (self.planner_conditioned, self.unconditioned_anchors) {
+            (true, 0) => "all anchors".to_owned(),
+            (true, count) => format!("all anchors but {count}: {because}"),
+            (false, _) => format!("no anchors: {because}"),
+        }
+    }
+
     /// The summary file.
     #[must_use]
-    pub fn markdown(&self, anchors: &[(String, f64, f64)]) -> String {
+    pub fn markdown(&self) -> String {
         let mut text = format!("# {}\n\n{}\n\n| | |\n|---|---|\n", self.clip, self.caption);
         for (label, value) in self.lines() {
             text += &format!("| {label} | {value} |\n");
         }
-        if !anchors.is_empty() {
-            text += "\n| anchor | before, cm | after, cm |\n|---|---|---|\n";
-            for (name, before, after) in anchors {
-                text += &format!("| {name} | {before:.2} | {after:.2} |\n");
+        if !self.anchor_errors.is_empty() {
+            text +=
+                &format!("\n| anchor | prompt alone, cm | {}, cm | refined, cm |\n|---|---|---|---|\n", self.made());
+            for anchor in &self.anchor_errors {
+                let alone = anchor.unconditioned_cm.map_or_else(|| "-".to_owned(), |cm| format!("{cm:.2}"));
+                let AnchorErrors { before_cm, after_cm, .. } = anchor;
+                text += &format!("| {} | {alone} | {before_cm:.2} | {after_cm:.2} |\n", anchor.place());
             }
         }
         text
+    }
+}
+
+impl AnchorErrors {
+    /// What is anchored, and when.
+    fn place(&self) -> String {
+        format!("{} at {:.2} s", self.name, f64::from(self.frame) / 20.0)
     }
 }
 
@@ -196,6 +273,10 @@ pub struct Parts<'p> {
     pub planner_token_agreement: Option<f64>,
     /// The anchors.
     pub anchors: &'p [Anchor],
+    /// Why the planner did not see some of them.
+    pub unconditioned_because: Option<String>,
+    /// The motion of the prompt alone, where the planner of the others saw anchors.
+    pub alone: Option<&'p Outcome>,
     /// The run without refinement.
     pub before: &'p Outcome,
     /// The run.
@@ -212,9 +293,17 @@ pub struct Parts<'p> {
 
 impl From<&Parts<'_>> for Report {
     fn from(parts: &Parts<'_>) -> Self {
-        let Parts { before, after, .. } = parts;
+        let &Parts { before, after, .. } = parts;
         let milliseconds = |time: std::time::Duration| time.as_secs_f64() * 1e3;
-        let error = |motion: &[Pose]| 100.0 * metrics::control_error(motion, parts.anchors).unwrap_or(0.0);
+        // A planner that saw no anchors made what the prompt alone gives.
+        let alone = parts.alone.or_else(|| parts.prompt.map(|_| before));
+        let error = |of: &Outcome| 100.0 * metrics::control_error(&of.joints, parts.anchors).unwrap_or(0.0);
+        let errors = |anchor: &Anchor| {
+            let (joint, name, target) = describe(anchor);
+            let error = |of: &Outcome| 100.0 * metrics::anchor_error(&of.joints, anchor).unwrap_or(f64::NAN);
+            let (unconditioned_cm, before_cm, after_cm) = (alone.map(error), error(before), error(after));
+            AnchorErrors { name, joint, frame: anchor.frame, target, unconditioned_cm, before_cm, after_cm }
+        };
         Report {
             clip: parts.clip.to_owned(),
             caption: parts.caption.to_owned(),
@@ -225,8 +314,13 @@ impl From<&Parts<'_>> for Report {
             planner_steps: after.steps.len(),
             planner_token_agreement: parts.planner_token_agreement,
             anchors: parts.anchors.len(),
-            control_error_before_cm: error(&before.joints),
-            control_error_after_cm: error(&after.joints),
+            unconditioned_anchors: after.unconditioned_anchors,
+            unconditioned_because: parts.unconditioned_because.clone(),
+            planner_conditioned: parts.alone.is_some(),
+            control_error_unconditioned_cm: alone.map(error),
+            control_error_before_cm: error(before),
+            control_error_after_cm: error(after),
+            anchor_errors: parts.anchors.iter().map(errors).collect(),
             decoder_evaluations: after.refinement.map_or(0, |r| r.evaluations),
             decoder_gradients: after.refinement.map_or(0, |r| r.gradients),
             jerk: metrics::jerk(&after.joints, 20.0),

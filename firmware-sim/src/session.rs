@@ -52,6 +52,8 @@ pub struct Outcome {
     pub steps: Vec<Vec<u16>>,
     /// Words of the prompt that the model does not know.
     pub unknown_words: u16,
+    /// Distinct anchors that the planner did not see.
+    pub unconditioned_anchors: u16,
     /// What the refinement did; `None` without one.
     pub refinement: Option<motionette::refining::Report>,
     /// Mean control error of each decoder evaluation, metres, in order.
@@ -93,6 +95,7 @@ pub fn run(model: &Model<'_>, request: &Request<'_>, report: fn(&Progress)) -> R
             tokens: motion.tokens().to_vec(),
             steps: watch.steps,
             unknown_words: motion.unknown_words(),
+            unconditioned_anchors: motion.unconditioned_anchors(),
             refinement: motion.refinement,
             errors: watch.errors,
             planning: refining - watch.started,
@@ -120,15 +123,12 @@ pub fn distance(u: &[f32], u0: &[f32]) -> f64 {
     u.iter().zip(u0).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>().sqrt()
 }
 
-/// `request` through `anchors` with `refinement`; without anchors, as it is.
+/// `request` through `anchors`, bent onto them if there is a `refinement`.
 #[must_use]
 pub fn through<'r>(
     request: Request<'r>,
     anchors: &'r [Anchor],
     refinement: Option<motionette::refining::Config>,
 ) -> Request<'r> {
-    match refinement {
-        Some(config) if !anchors.is_empty() => request.through(anchors).refined(config),
-        _ => request,
-    }
+    Request { anchors, refinement: refinement.filter(|_| !anchors.is_empty()), ..request }
 }

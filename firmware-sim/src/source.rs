@@ -2,7 +2,7 @@
 
 use crate::bundle::Bundle;
 use anyhow::Context;
-use motionette::Anchor;
+use motionette::{Anchor, Anchors, Joint};
 use motionette_host::checkpoint::TokenizerCheckpoint;
 use motionette_host::import::bvh;
 use motionette_host::motion::{FEATURES, Pose, features};
@@ -37,7 +37,7 @@ pub struct Source {
 }
 
 /// What is made when nothing is said.
-pub const DEFAULT_PROMPT: &str = "a tired person waves the right hand";
+pub const DEFAULT_PROMPT: &str = "a person walks forward";
 
 /// A prompt, without anchors.
 #[must_use]
@@ -52,17 +52,16 @@ pub fn prompt(text: &str) -> Source {
     }
 }
 
-/// The motion of the default job: the default prompt, drawn towards two places by the root and two by the right hand.
-#[must_use]
-pub fn default_job() -> Source {
-    const RIGHT_WRIST: u8 = 21;
-    let anchors = vec![
-        Anchor::root(30, [0.0, 0.9, 0.1]),
-        Anchor::joint(45, RIGHT_WRIST, [-0.45, 1.35, 0.35]),
-        Anchor::joint(75, RIGHT_WRIST, [-0.25, 1.5, 0.4]),
-        Anchor::root(99, [0.2, 0.9, 0.3]),
-    ];
-    Source { anchors, ..prompt(DEFAULT_PROMPT) }
+/// The motion of the default job: the default prompt, led to the left of where it goes by itself, with the right hand raised on the way.
+///
+/// # Errors
+/// When the anchors cannot be made (a mistake in the build).
+pub fn default_job() -> anyhow::Result<Source> {
+    let anchors = Anchors::new()
+        .planar_root_at(1.5, [0.2, 1.7])
+        .joint_at(3.0, Joint::RightWrist, [0.3, 1.15, 3.7])
+        .root_at(4.95, [1.2, 0.92, 5.4]);
+    Ok(Source { anchors: anchors.as_slice()?.to_vec(), ..prompt(DEFAULT_PROMPT) })
 }
 
 /// A bundled clip.

@@ -1,5 +1,9 @@
 //! The main job as a user runs it: results, figures, viewer, and what it says about bad input.
 
+use motionette_host::blob_file::BlobFile;
+use motionette_host::checkpoint::{self, prior};
+use motionette_host::convert::{self, AlignedBlob, CardText, Options, PriorSource, Rounding};
+use motionette_sim::bundle;
 use serde_json::Value;
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -29,6 +33,12 @@ fn path(folder: &tempfile::TempDir, name: &str) -> String {
     folder.path().join(name).to_string_lossy().into_owned()
 }
 
+/// Whether the built-in model's planner sees anchors.
+fn built_in_control() -> bool {
+    let blob = BlobFile::new(AlignedBlob::new(bundle::BLOB), Path::new("(built in)")).expect("the built-in model");
+    blob.parts().expect("its manifest").1.control.is_some()
+}
+
 /// One run of the default job, in a folder that lives as long as the result.
 fn default_job() -> (tempfile::TempDir, Value) {
     let out = folder();
@@ -54,15 +64,27 @@ fn the_default_job_makes_a_motion_from_text_and_agrees_with_the_reference() {
     ] {
         assert!(number(name).is_finite(), "{name}");
     }
-    assert!(number("control_error_before_cm") >= 10.0, "the anchors pull the motion away: {figures}");
-    assert!(number("control_error_after_cm") < 0.2 * number("control_error_before_cm"), "{figures}");
+    assert!(number("control_error_unconditioned_cm") >= 10.0, "the anchors pull the motion away: {figures}");
+    assert!(number("control_error_before_cm") <= number("control_error_unconditioned_cm"), "{figures}");
+    assert!(number("control_error_after_cm") < 1.0, "{figures}");
+    let conditioned = built_in_control();
+    assert_eq!(figures["planner_conditioned"], conditioned);
+    assert_eq!(number("unconditioned_anchors"), if conditioned { 0.0 } else { number("anchors") });
+    assert_eq!(figures["unconditioned_because"].is_null(), conditioned, "{figures}");
+    let each = figures["anchor_errors"].as_array().expect("a list");
+    for name in ["unconditioned", "before", "after"] {
+        let sum: f64 = each.iter().filter_map(|anchor| anchor[format!("{name}_cm")].as_f64()).sum();
+        let mean = number(&format!("control_error_{name}_cm"));
+        assert!((sum / each.len() as f64 - mean).abs() < 1e-9, "{name}: {figures}");
+    }
     assert!((1.0..=20.0).contains(&number("decoder_evaluations")));
-    assert_eq!(figures["prompt"], "a tired person waves the right hand");
+    assert_eq!(figures["prompt"], "a person walks forward");
     assert_eq!(figures["unknown_words"], Value::Array(Vec::new()));
     assert_eq!(figures["planner_steps"], 10);
-    assert!(number("planner_token_agreement") >= 0.98, "{figures}");
+    // Of the 250 positions of one motion; `motionette verify` asks for 98 % over many.
+    assert!(number("planner_token_agreement") >= 0.95, "{figures}");
     assert!(number("macs") > 1e8 && number("instructions_estimate") > number("macs"), "{figures}");
-    assert!(number("du") > 0.0 && number("anchors") >= 4.0);
+    assert!(number("du") > 0.0 && number("anchors") == 3.0);
     assert!(number("reference_mean_mm") <= 1.0 && number("reference_max_mm") <= 30.0, "{figures}");
     assert!(number("arena_high_water_bytes") <= number("arena_bytes"));
     assert!(number("arena_high_water_bytes") + 16.0 > number("arena_bytes"), "{figures}");
@@ -74,6 +96,57 @@ fn the_default_job_makes_a_motion_from_text_and_agrees_with_the_reference() {
     }
     let (_again, second) = default_job();
     assert_eq!(second["motion_hash"], figures["motion_hash"], "the same request gives the same bits");
+}
+
+#[test]
+fn each_stage_can_be_left_out() {
+    let out = folder();
+    let results = path(&out, "results");
+    let made = |arguments: &[&str]| {
+        let output = simulate(&[arguments, &["--json", "--out", &results]].concat());
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        (last_line(&output), String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    let error = |figures: &Value, name: &str| figures[format!("control_error_{name}_cm")].as_f64().expect("an error");
+
+    let (blind, text) = made(&["--unconditioned"]);
+    assert_eq!((&blind["planner_conditioned"], &blind["unconditioned_anchors"]), (&false.into(), &3.into()), "{blind}");
+    assert_eq!(error(&blind, "unconditioned"), error(&blind, "before"));
+    assert!(text.contains("no anchors: --unconditioned") && !text.contains("prompt alone"), "{text}");
+
+    // A model without anchor control says so and makes that very motion.
+    let without = path(&out, "without.blob");
+    convert_without_control(Path::new(&without));
+    let (plain, text) = made(&["--blob", &without]);
+    assert_eq!(plain["planner_conditioned"], false);
+    assert!(plain["unconditioned_because"].to_string().contains("has no anchor control"), "{plain}");
+    assert!(text.contains("no anchors: the blob has no anchor control"), "{text}");
+    assert!(error(&plain, "after") < 0.2 * error(&plain, "before"), "{plain}");
+    let page = std::fs::read_to_string(out.path().join("results/viewer.html")).expect("viewer.html");
+    assert!(page.contains("The planner saw no anchors: the blob has no anchor control"), "the page says so");
+
+    // Planner alone: nothing is bent.
+    let (controlled, text) = made(&["--refinement", "off"]);
+    assert_eq!(controlled["planner_conditioned"], built_in_control(), "{controlled}");
+    assert_eq!((error(&controlled, "before"), &controlled["du"]), (error(&controlled, "after"), &0.0.into()));
+    assert!(!text.contains("refined"), "{text}");
+
+    // What was given is not planned, and nothing is said of a planner.
+    let (given, text) = made(&["--clip", "bnr2_walk_masculine_023"]);
+    assert!(given["control_error_unconditioned_cm"].is_null() && given["unconditioned_because"].is_null(), "{given}");
+    assert!(text.contains("cm as given") && !text.contains("planner saw"), "{text}");
+}
+
+/// The project's model, rounded plainly, without anchor control.
+fn convert_without_control(to: &Path) {
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models");
+    let tokenizer = checkpoint::load(&models.join("nano.safetensors")).expect("a tokenizer");
+    let planner = prior::load(&models.join("nano.prior.safetensors")).expect("a prior");
+    let source = PriorSource { checkpoint: &planner, bank: &[], text_encoder: true, control: None };
+    let options = Options { rounding: Rounding::Nearest, refit: false, bias_correction: false, ..Options::default() };
+    let card = CardText::default();
+    let made = convert::convert_with_prior(&tokenizer, Some(source), &options, &[], &card, |_| ()).expect("a blob");
+    std::fs::write(to, made.blob.bytes()).expect("a file");
 }
 
 #[test]
@@ -127,10 +200,14 @@ fn instrumented(page: &Path, port: u16) -> PathBuf {
         console.error = (...a) => problems.push(a.join(' '));</script>";
     let check = format!(
         "<script>motionette.play(false); motionette.seek(0); motionette.play(true);\
+        document.dispatchEvent(new KeyboardEvent('keydown', {{ key: '3' }}));\
+        const alone = motionette.state().layers.alone;\
         let tries = 0; const timer = setInterval(() => {{ tries += 1;\
         if (motionette.state().frame > 1 || tries > 300) {{ clearInterval(timer);\
         fetch('http://127.0.0.1:{port}/', {{ method: 'POST', mode: 'no-cors',\
-        body: JSON.stringify({{ problems, state: motionette.state() }}) }}); }} }}, 100);</script></body>"
+        body: JSON.stringify({{ problems, state: motionette.state(), alone,\
+        intervals: [...document.querySelectorAll('#intervals button')].map((b) => b.title),\
+        columns: [...document.querySelectorAll('#anchors th')].map((e) => e.textContent) }}) }}); }} }}, 100);</script></body>"
     );
     let text = text.replacen("<head>", recorder, 1).replacen("</body>", &check, 1);
     let copy = page.with_file_name("checked.html");
@@ -199,6 +276,15 @@ fn the_viewer_plays_in_a_browser_without_errors() {
     assert_eq!(check["problems"], Value::Array(Vec::new()), "{check}");
     assert_eq!(check["state"]["frames"], figures["frames"], "{check}");
     assert_eq!(check["state"]["playing"], true, "{check}");
+    let conditioned = built_in_control();
+    assert_eq!(check["alone"], conditioned, "key 3 shows the motion of the prompt alone if there is one: {check}");
+    let columns = ["#", "what", "prompt alone", "generated", "refined"];
+    let columns: Vec<_> = columns.into_iter().filter(|name| conditioned || *name != "prompt alone").collect();
+    assert_eq!(check["columns"], serde_json::json!(columns));
+    let intervals = check["intervals"].as_array().expect("a list");
+    assert_eq!(intervals.len(), 3, "{check}");
+    let first = intervals[0].as_str().unwrap_or_default();
+    assert!(first.starts_with("0.00 to 1.50 s, 8 tokens: activity ") && first.ends_with(" refined"), "{check}");
     assert!(check["state"]["frame"].as_f64().is_some_and(|f| f > 1.0), "the skeleton does not play: {check}");
 }
 
@@ -244,6 +330,7 @@ fn bad_input_says_what_where_and_what_to_do_and_leaves_nothing_behind() {
         (&["--text", "a person walks", "--steps", "0"], "steps"),
         (&["--text", "a person walks", "--prior", "missing.safetensors"], "missing.safetensors"),
         (&["--text", "a person walks", "--clip", "x"], "cannot be used with"),
+        (&["--clip", "bnr2_walk_masculine_023", "--unconditioned"], "cannot be used with"),
     ];
     for (arguments, expected) in cases {
         let mut all = arguments.to_vec();

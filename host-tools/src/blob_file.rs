@@ -8,6 +8,7 @@ use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensor
 use crate::checkpoint::prior::PartMut;
 use crate::checkpoint::{self, ControlCheckpoint, PriorCheckpoint};
 use crate::convert::{AlignedBlob, QuantisedConv1d};
+use crate::reference::anchors::Family;
 
 /// What the names of the anchor control's tensors begin with.
 const CONTROL: &str = "control.";
@@ -115,6 +116,20 @@ impl BlobFile {
             Ok((header, manifest, tensors))
         };
         read().map_err(|source| self.refused(source))
+    }
+
+    /// Why the planner does not see some of the anchors it is given, for a person; that the request may have said so is the caller's
+    /// to know.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn unconditioned_because(&self) -> Result<String, Error> {
+        let Some(control) = self.parts()?.1.control else {
+            return Ok("the blob has no anchor control; convert it with --control".to_owned());
+        };
+        let unseen = Family::ALL.iter().filter(|family| control.families & family.bit() == 0);
+        let names: Vec<String> = unseen.map(ToString::to_string).collect();
+        Ok(format!("it was not trained with anchors of {}", names.join(" and ")))
     }
 
     /// The whole table with its numbers.

@@ -1,5 +1,7 @@
 //! The viewer: one HTML file with everything in it, made from the parts under `page/`.
 
+use crate::intervals::Interval;
+use crate::report::AnchorErrors;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use motionette_host::motion::Pose;
@@ -8,51 +10,37 @@ use serde::Serialize;
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/style.css");
 /// Scripts in the order in which they build on one another.
-const SCRIPTS: [&str; 7] = [
+const SCRIPTS: [&str; 8] = [
     include_str!("page/scene.js"),
     include_str!("page/camera.js"),
     include_str!("page/body.js"),
     include_str!("page/stage.js"),
     include_str!("page/chart.js"),
     include_str!("page/tokens.js"),
+    include_str!("page/intervals.js"),
     include_str!("page/app.js"),
 ];
 
 /// A motion to be shown.
 #[derive(Debug, Serialize)]
 pub struct Shown {
-    /// `before`, `after` or `reference`.
+    /// `after`, `before`, `alone` or `reference`.
     pub id: &'static str,
     /// What it is called.
-    pub label: String,
+    pub name: &'static str,
+    /// What it is.
+    pub label: &'static str,
     /// Base64 of little-endian f32 `[T][22][3]`, metres.
     pub positions: String,
 }
 
 impl Shown {
-    /// A motion under one of the three ids.
+    /// A motion under one of the four ids.
     #[must_use]
-    pub fn new(id: &'static str, label: &str, motion: &[Pose]) -> Self {
+    pub fn new(id: &'static str, name: &'static str, label: &'static str, motion: &[Pose]) -> Self {
         let bytes: Vec<u8> = motion.iter().flatten().flatten().flat_map(|v| v.to_le_bytes()).collect();
-        Shown { id, label: label.to_owned(), positions: STANDARD.encode(bytes) }
+        Shown { id, name, label, positions: STANDARD.encode(bytes) }
     }
-}
-
-/// An anchor to be shown.
-#[derive(Debug, Serialize)]
-pub struct ShownAnchor {
-    /// What is anchored.
-    pub name: String,
-    /// Joint index.
-    pub joint: usize,
-    /// Frame.
-    pub frame: u16,
-    /// Target, metres: `[x, y, z]`, or `[x, z]` on the floor.
-    pub target: Vec<f32>,
-    /// Distance without refinement, centimetres.
-    pub before_cm: f64,
-    /// Distance with it.
-    pub after_cm: f64,
 }
 
 /// A point of the control-error curve.
@@ -128,10 +116,16 @@ pub struct Scene {
     /// The motions.
     pub motions: Vec<Shown>,
     /// The anchors.
-    pub anchors: Vec<ShownAnchor>,
+    pub anchors: Vec<AnchorErrors>,
+    /// What is to be said about them.
+    pub note: Option<String>,
+    /// The intervals between them, with their activities at the motion as generated and as refined.
+    pub intervals: Vec<Interval>,
     /// Control error over decoder evaluations.
     pub curve: Vec<CurvePoint>,
-    /// Mean control error without refinement, centimetres.
+    /// Mean control error of the prompt alone, centimetres, where the planner of the others saw anchors.
+    pub error_alone_cm: Option<f64>,
+    /// Without refinement.
     pub error_before_cm: f64,
     /// And with it.
     pub error_after_cm: f64,

@@ -17,7 +17,6 @@ use crate::blob_file::BlobFile;
 use crate::export::bvh;
 use crate::metrics;
 use crate::output::write_atomic;
-use crate::reference::anchors::Family;
 
 /// Makes a motion from text with the runtime that devices run, bit for bit.
 ///
@@ -206,15 +205,7 @@ impl Cmd {
         if count == 0 {
             return Ok(None);
         }
-        let why = match blob.parts()?.1.control {
-            _ if self.unconditioned => "--unconditioned".to_owned(),
-            None => "the blob has no anchor control; convert it with --control".to_owned(),
-            Some(control) => {
-                let unseen = Family::ALL.iter().filter(|family| control.families & family.bit() == 0);
-                let names: Vec<String> = unseen.map(ToString::to_string).collect();
-                format!("it was not trained with anchors of {}", names.join(" and "))
-            }
-        };
+        let why = if self.unconditioned { "--unconditioned".to_owned() } else { blob.unconditioned_because()? };
         Ok(Some((count, why)))
     }
 

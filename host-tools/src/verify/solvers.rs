@@ -118,3 +118,33 @@ pub fn runtime_anchor(anchor: &Anchor) -> RuntimeAnchor {
     };
     RuntimeAnchor { frame: anchor.frame as u16, target }
 }
+
+/// The reference's form of an anchor.
+#[must_use]
+pub fn reference_anchor(anchor: &RuntimeAnchor) -> Anchor {
+    let target = match anchor.target {
+        RuntimeTarget::Root(p) => Target::Root(p.map(f64::from)),
+        RuntimeTarget::PlanarRoot(p) => Target::PlanarRoot(p.map(f64::from)),
+        RuntimeTarget::Joint { joint, position } => {
+            Target::Joint { joint: usize::from(joint), position: position.map(f64::from) }
+        }
+    };
+    Anchor { frame: usize::from(anchor.frame), target }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn anchors_survive_the_way_there_and_back() {
+        let given = [
+            RuntimeAnchor::root(7, [0.1, 0.9, -2.5]),
+            RuntimeAnchor::planar_root(0, [-0.3, 4.0]),
+            RuntimeAnchor::joint(195, 21, [0.2, 1.5, 0.75]),
+        ];
+        for anchor in given {
+            assert_eq!(runtime_anchor(&reference_anchor(&anchor)), anchor);
+        }
+    }
+}

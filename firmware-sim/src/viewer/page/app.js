@@ -1,8 +1,11 @@
 // Ties the page together: playback, timeline, pointer and keyboard, figures.
 const player = { frame: 0, playing: false, speed: 1, follow: false, last: 0 };
 let dirty = true;
-// Marks the token of a frame; set once there are tokens to show.
-let markToken = null;
+// Mark the token and the interval of a frame; set once there are any to show.
+let markToken = null, markInterval = null;
+// Layers by key 1, 2, ...; the motions among them are those that the scene has.
+const LAYERS = ["after", "before", "alone", "reference", "trails", "labels"];
+const STAGES = ["alone", "before", "after"].filter((id) => motions[id]);
 const ICONS = { play: "M3 1.5v13l11-6.5z", pause: "M3 2h4v12H3zM9 2h4v12H9z" };
 
 function setPlaying(on) {
@@ -26,6 +29,7 @@ function syncControls() {
   scrub.setAttribute("aria-valuetext", `frame ${f}, ${(f / scene.fps).toFixed(2)} seconds`);
   $("clock").innerHTML = `<b>${(f / scene.fps).toFixed(2)} s</b>frame ${f} / ${FRAMES - 1}`;
   if (markToken) markToken(f);
+  if (markInterval) markInterval(f);
   const lit = (i) => Math.abs(scene.anchors[i].frame - player.frame) < 1.5;
   document.querySelectorAll("#ticks button, #anchors tbody tr").forEach((e) => e.classList.toggle("now", lit(+e.dataset.anchor)));
 }
@@ -71,14 +75,18 @@ function setTheme(name) {
   dirty = true;
 }
 
+const COLORS = { after: "--accent", before: "--before", alone: "--alone", reference: "--reference" };
+const hasLayer = (id) => !!motions[id] || id === "trails" || id === "labels";
+
 function buildToggles() {
-  const items = [["after", "After", "--accent"], ["before", "Before", "--before"], ["reference", "Reference", "--reference"], ["trails", "Trails", "--dim"], ["labels", "Labels", "--target"]];
-  items.forEach(([id, label, color], i) => {
-    if (id === "reference" && !motions.reference) return;
+  const other = { trails: ["Trails", "--dim"], labels: ["Labels", "--target"] };
+  LAYERS.forEach((id, i) => {
+    if (!hasLayer(id)) return;
+    const [name, color] = other[id] || [motions[id].name, COLORS[id]];
     const b = document.createElement("button");
-    b.innerHTML = `<i style="--swatch: var(${color})"></i>${label}`;
+    b.innerHTML = `<i style="--swatch: var(${color})"></i>${name}`;
     b.dataset.layer = id;
-    b.title = `${(motions[id] && motions[id].label) || label} (${i + 1})`;
+    b.title = `${motions[id] ? motions[id].label : name} (${i + 1})`;
     b.setAttribute("aria-pressed", String(show[id]));
     b.addEventListener("click", () => toggleLayer(id));
     $("toggles").appendChild(b);
@@ -86,7 +94,7 @@ function buildToggles() {
 }
 
 function toggleLayer(id) {
-  if (id === "reference" && !motions.reference) return;
+  if (!hasLayer(id)) return;
   show[id] = !show[id];
   document.querySelector(`[data-layer="${id}"]`).setAttribute("aria-pressed", String(show[id]));
   dirty = true;
@@ -96,7 +104,9 @@ const cell = (row, text, name) => { const td = document.createElement("td"); td.
 
 function buildAnchors() {
   const head = document.createElement("thead");
-  head.innerHTML = "<tr><th>#</th><th>what</th><th>at</th><th>before</th><th>after, cm</th></tr>";
+  const stages = STAGES.map((id) => `<th title="${motions[id].label}">${motions[id].name.toLowerCase()}</th>`);
+  head.innerHTML = `<tr><th>#</th><th>what</th>${stages.join("")}</tr>`;
+  const errors = { alone: "unconditioned_cm", before: "before_cm", after: "after_cm" };
   const body = document.createElement("tbody");
   scene.anchors.forEach((a, i) => {
     const row = document.createElement("tr");
@@ -104,10 +114,8 @@ function buildAnchors() {
     row.tabIndex = 0;
     row.title = `target ${a.target.map((v) => v.toFixed(2)).join(", ")} m; jump to frame ${a.frame}`;
     cell(row, String(i + 1), "key");
-    cell(row, a.name);
-    cell(row, `${(a.frame / scene.fps).toFixed(2)} s`);
-    cell(row, centimetres(a.before_cm), "was");
-    cell(row, centimetres(a.after_cm), "is");
+    cell(row, `${a.name} ${(a.frame / scene.fps).toFixed(2)} s`);
+    for (const id of STAGES) cell(row, centimetres(a[errors[id]]), id);
     const go = () => { setPlaying(false); seek(a.frame); };
     row.addEventListener("click", go);
     row.addEventListener("keydown", (e) => { if (e.key === "Enter") go(); });
@@ -131,10 +139,15 @@ function buildFigures() {
   const piece = (text, name) => { const s = document.createElement("span"); s.className = name; s.textContent = text; $("headline").appendChild(s); };
   // Without anchors there is nothing to say about them.
   $("errorbox").hidden = $("anchorbox").hidden = scene.anchors.length === 0;
-  piece(centimetres(scene.error_before_cm), "from");
-  piece("→", "arrow");
-  piece(centimetres(scene.error_after_cm), "to");
+  const errors = { alone: scene.error_alone_cm, before: scene.error_before_cm, after: scene.error_after_cm };
+  STAGES.forEach((id, i) => {
+    if (i > 0) piece("→", "arrow");
+    piece(centimetres(errors[id]), id);
+    $("headline").lastChild.title = motions[id].label;
+  });
   piece("cm, mean over anchors", "unit");
+  $("note").hidden = !scene.note;
+  $("note").textContent = scene.note || "";
   for (const fact of scene.facts) {
     const dt = document.createElement("dt"), dd = document.createElement("dd");
     dt.textContent = fact.label;
@@ -143,6 +156,7 @@ function buildFigures() {
   }
   drawChart($("chart"), scene.curve);
   drawStages($("stages"), scene.stages);
+  if (scene.intervals.length) markInterval = drawIntervals($("intervals"), scene.intervals);
   $("planbox").hidden = !scene.plan;
   if (!scene.plan) return;
   for (const word of scene.plan.words) {
@@ -185,7 +199,6 @@ function listenToPointer() {
 }
 
 function listenToKeys() {
-  const layers = ["after", "before", "reference", "trails", "labels"];
   document.addEventListener("keydown", (e) => {
     if (e.ctrlKey || e.metaKey || e.altKey || e.target.tagName === "SELECT") return;
     const onScrub = e.target.id === "scrub", step = e.shiftKey ? 10 : 1;
@@ -202,7 +215,7 @@ function listenToKeys() {
     else if (e.key === "r") frameView();
     else if (e.key === "t") $("theme").click();
     else if (e.key === "?") $("help").click();
-    else if (e.key >= "1" && e.key <= "5") toggleLayer(layers[+e.key - 1]);
+    else if (LAYERS[+e.key - 1]) toggleLayer(LAYERS[+e.key - 1]);
     else return;
     if (e.key === " " || e.key.startsWith("Arrow")) e.preventDefault();
   });

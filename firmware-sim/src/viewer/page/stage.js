@@ -1,9 +1,11 @@
-// Paints one moment: floor grid, trails, shadows, ghost, body, reference, anchors, labels.
+// Paints one moment: floor grid, trails, shadows, ghosts, body, reference, anchors, labels.
 const canvas = $("view");
 const ctx = canvas.getContext("2d");
 const layer = document.createElement("canvas");
 const layerCtx = layer.getContext("2d");
-const show = { after: true, before: true, reference: false, trails: true, labels: true };
+const show = { after: true, before: true, alone: false, reference: false, trails: true, labels: true };
+// Motions painted as ghosts behind the body, the farthest from the result first.
+const GHOSTS = ["alone", "before"].filter((id) => motions[id]);
 let palette = {};
 
 const parseColor = (text) => {
@@ -14,7 +16,7 @@ const rgba = (c, a) => `rgba(${c[0]},${c[1]},${c[2]},${a})`;
 
 function readPalette() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["bg", "bg2", "line", "text", "dim", "accent", "target", "before", "reference", "panel"]) palette[name] = parseColor(style.getPropertyValue(`--${name}`));
+  for (const name of ["bg", "bg2", "line", "text", "dim", "accent", "target", "before", "alone", "reference", "panel"]) palette[name] = parseColor(style.getPropertyValue(`--${name}`));
   palette.dark = palette.bg[0] < 128;
 }
 
@@ -195,22 +197,22 @@ function paint(frame) {
   for (const id in motions) pose[id] = poseAt(motions[id], frame);
   const joints = [...new Set(scene.anchors.filter((a) => a.target.length === 3).map((a) => a.joint))];
   if (show.trails) {
-    if (show.before) drawTrail(motions.before, 0, true, palette.before, frame, 2);
+    for (const id of GHOSTS) if (show[id]) drawTrail(motions[id], 0, true, palette[id], frame, 2);
     if (show.after) drawTrail(motions.after, 0, true, palette.accent, frame, 2.5);
   }
-  if (show.before) drawShadow(ctx, pose.before, palette.dark ? 0.18 : 0.06);
+  for (const id of GHOSTS) if (show[id]) drawShadow(ctx, pose[id], palette.dark ? 0.18 : 0.06);
   if (show.after) drawShadow(ctx, pose.after, palette.dark ? 0.42 : 0.16);
-  if (show.before) {
+  for (const id of GHOSTS) if (show[id]) {
     // Painted opaque on its own layer, so that overlapping limbs of the ghost do not add up.
     layerCtx.clearRect(0, 0, width, height);
-    drawBody(layerCtx, pose.before, palette.before, VISOR);
+    drawBody(layerCtx, pose[id], palette[id], VISOR);
     ctx.globalAlpha = palette.dark ? 0.36 : 0.3;
     ctx.drawImage(layer, 0, 0, width, height);
     ctx.globalAlpha = 1;
   }
   if (show.after) drawBody(ctx, pose.after, palette.accent, VISOR);
   if (show.trails) for (const j of joints) if (j !== 0) {
-    if (show.before) drawTrail(motions.before, j, false, palette.before, frame, 1);
+    for (const id of GHOSTS) if (show[id]) drawTrail(motions[id], j, false, palette[id], frame, 1);
     if (show.after) drawTrail(motions.after, j, false, palette.accent, frame, 1.25);
   }
   if (show.reference && pose.reference) drawWire(ctx, pose.reference, rgba(palette.reference, 1));
