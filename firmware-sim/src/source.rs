@@ -58,9 +58,9 @@ pub fn prompt(text: &str) -> Source {
 /// When the anchors cannot be made (a mistake in the build).
 pub fn default_job() -> anyhow::Result<Source> {
     let anchors = Anchors::new()
-        .planar_root_at(1.5, [0.2, 1.7])
-        .joint_at(3.0, Joint::RightWrist, [0.3, 1.15, 3.7])
-        .root_at(4.95, [1.2, 0.92, 5.4]);
+        .planar_root_at(2.0, [0.3, 2.2])
+        .joint_at(3.5, Joint::RightWrist, [0.3, 1.15, 4.15])
+        .root_at(4.95, [1.1, 0.92, 5.4]);
     Ok(Source { anchors: anchors.as_slice()?.to_vec(), ..prompt(DEFAULT_PROMPT) })
 }
 

@@ -284,7 +284,7 @@ fn the_viewer_plays_in_a_browser_without_errors() {
     let intervals = check["intervals"].as_array().expect("a list");
     assert_eq!(intervals.len(), 3, "{check}");
     let first = intervals[0].as_str().unwrap_or_default();
-    assert!(first.starts_with("0.00 to 1.50 s, 8 tokens: activity ") && first.ends_with(" refined"), "{check}");
+    assert!(first.starts_with("0.00 to 2.00 s, 10 tokens: activity ") && first.ends_with(" refined"), "{check}");
     assert!(check["state"]["frame"].as_f64().is_some_and(|f| f > 1.0), "the skeleton does not play: {check}");
 }
 
