@@ -33,8 +33,8 @@ fn generator_frames(tiny: &motionette_tests::tiny::Tiny) -> usize {
 
 #[test]
 fn cases_reach_both_outcomes_of_every_reader() {
-    let tally = fuzz::run(2, 0, 600, |_| {}).unwrap_or_else(|f| panic!("case {} of seed 2: {}", f.case, f.what));
-    assert_eq!(tally.cases, 600);
+    let tally = fuzz::run(2, 0, 900, |_| {}).unwrap_or_else(|f| panic!("case {} of seed 2: {}", f.case, f.what));
+    assert_eq!(tally.cases, 900);
     let counts = [
         tally.blobs_refused,
         tally.blobs_opened,
@@ -45,7 +45,7 @@ fn cases_reach_both_outcomes_of_every_reader() {
         tally.files_read,
     ];
     assert!(counts.iter().all(|&count| count > 10) && tally.conditioned > 3, "{tally:?}");
-    assert_eq!(fuzz::run(2, 0, 600, |_| {}).ok(), Some(tally), "the same seed gives the same cases");
+    assert_eq!(fuzz::run(2, 0, 900, |_| {}).ok(), Some(tally), "the same seed gives the same cases");
 }
 
 #[test]
