@@ -82,7 +82,7 @@ impl<'a> ScaffoldEncoder<'a> {
     }
 
     /// Encodes `anchors` into `x [L][ds]` and its mean into `mean [ds]`. `own` has room for as many rows, `work` for
-    /// [`ScaffoldEncoder::work`] numbers.
+    /// [`work`] numbers.
     ///
     /// # Errors
     /// [`Interrupted`] when `check` says so; it is asked behind every block.

@@ -2,7 +2,7 @@
 //!
 //! Every parameter of [`super::model::layout`] is a tensor of its name, with `control.mean` and `control.std` beside them. `__metadata__`
 //! has `format`, `version`, `config` (JSON: sizes, what it belongs to, provenance, metrics) and `training` (JSON: the whole
-//! [`Config`](super::config::Config)).
+//! [`Config`]).
 
 use std::path::Path;
 

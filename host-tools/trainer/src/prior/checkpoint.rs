@@ -1,7 +1,7 @@
 //! The finished prior as a file, in the names that `motionette convert` reads.
 //!
 //! Every parameter of [`super::model::layout`] is a tensor of its name. `__metadata__` has `format`, `version`, `config` (JSON: sizes,
-//! vocabulary, corruption, provenance, metrics) and `training` (JSON: the whole [`Config`](super::config::Config)).
+//! vocabulary, corruption, provenance, metrics) and `training` (JSON: the whole [`Config`]).
 
 use std::path::Path;
 

@@ -10,13 +10,13 @@ mod rows;
 use super::portable;
 pub use detect::Isa;
 
-/// [`portable::linear_s16s8`], as fast as this machine can.
+/// `portable::linear_s16s8`, as fast as this machine can.
 #[inline]
 pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
     Isa::best().linear_s16s8(x, w, inputs, outputs, acc);
 }
 
-/// [`portable::linear_transposed_s16s8`], as fast as this machine can.
+/// `portable::linear_transposed_s16s8`, as fast as this machine can.
 #[inline]
 pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
     Isa::best().linear_transposed_s16s8(g, w, inputs, outputs, acc);
@@ -33,7 +33,7 @@ pub fn wide<R>(body: impl FnOnce() -> R) -> R {
     }
 }
 
-/// [`portable::exponentials`], several at a time.
+/// `portable::exponentials`, several at a time.
 pub fn exponentials(x: &mut [f32], largest: f32) -> f32 {
     match Isa::best() {
         Isa::Portable => portable::exponentials(x, largest),
@@ -42,7 +42,7 @@ pub fn exponentials(x: &mut [f32], largest: f32) -> f32 {
     }
 }
 
-/// [`portable::gelu`], several at a time.
+/// `portable::gelu`, several at a time.
 pub fn gelu(x: &mut [f32]) {
     match Isa::best() {
         Isa::Portable => portable::gelu(x),
@@ -52,7 +52,7 @@ pub fn gelu(x: &mut [f32]) {
 }
 
 impl Isa {
-    /// [`portable::linear_s16s8`] by these instructions, or by the best that there are if these are missing.
+    /// `portable::linear_s16s8` by these instructions, or by the best that there are if these are missing.
     pub fn linear_s16s8(self, x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
         match self.supported() {
             Isa::Portable => portable::linear_s16s8(x, w, inputs, outputs, acc),
@@ -63,7 +63,7 @@ impl Isa {
         }
     }
 
-    /// [`portable::linear_transposed_s16s8`] by these instructions, or by the best that there are if these are missing.
+    /// `portable::linear_transposed_s16s8` by these instructions, or by the best that there are if these are missing.
     pub fn linear_transposed_s16s8(self, g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
         match self.supported() {
             Isa::Portable => portable::linear_transposed_s16s8(g, w, inputs, outputs, acc),

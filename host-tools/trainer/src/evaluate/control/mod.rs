@@ -3,7 +3,7 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`problem`] | anchors of a clip: family, number, seed |
-//! | [`bench`] | motions of one way to make them, judged; groups of them are kept on disk |
+//! | [`mod@bench`] | motions of one way to make them, judged; groups of them are kept on disk |
 //! | [`tables`] | which ways and problems make which table |
 //! | [`page`] | Markdown, SVG, JSON |
 
