@@ -107,6 +107,18 @@ pub struct Args {
     pub json: bool,
 }
 
+impl Args {
+    /// How much is measured, and of what, as far as the command line says so.
+    fn chosen(&self) -> String {
+        let mut flags = String::new();
+        for (flag, value) in [("--seeds", self.seeds), ("--limit", self.limit)] {
+            flags += &value.map_or_else(String::new, |value| format!(" {flag} {value}"));
+        }
+        self.control.iter().for_each(|control| flags += &format!(" --control {control}"));
+        flags
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -203,7 +215,7 @@ fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> any
         Table::Runtime => ("runtime", "What a sample costs", bench.runtime(&course, args.instructions_per_mac)?),
     };
     let notes = format!(
-        "`bnr` test split, {} clips of their own lengths, {seeds} seeds; anchors are places of the clip at random frames, the same for \
+        "`bnr` test split, {} clips of their own lengths, seeds: {seeds}; anchors are places of the clip at random frames, the same for \
          every row. All rows are the int8 runtime's but those of `components` that name a control, which are the trainer's f32 \
          networks. Figures are means with half the width of a 95 % bootstrap interval over the clips. {}",
         bench.real.len(),
@@ -212,7 +224,7 @@ fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> any
     let facts = Facts {
         seeds,
         files: hashes(&files)?,
-        command: format!("motionette-train evaluate --table {name}{}", args.generation.flags()),
+        command: format!("motionette-train evaluate --table {name}{}{}", args.chosen(), args.generation.flags()),
         generation: args.generation.facts(),
     };
     let page = Page { name, title, notes, entries: &entries, facts: &facts };
@@ -239,7 +251,8 @@ fn remarks(table: Table) -> &'static str {
         Table::Sparse => "Pelvis, feet, head and hands at five random frames: 30 anchors.",
         Table::Runtime => {
             "Four anchors, two kinds; one thread. Work is planned multiply-accumulates, scaled to the evaluations that were made; \
-             instructions are that work times the instructions a multiply-accumulate that were counted for the M7 image."
+             instructions are that work times --instructions-per-mac (5.5 were counted in the image that M4 and M7 run, before \
+             anchor control, with portable kernels). Intervals here are 1.96 standard errors."
         }
     }
 }

@@ -9,10 +9,11 @@ use anyhow::{Context, Result};
 use motionette::Request;
 use motionette::refining::Config;
 use motionette_host::blob_file::BlobFile;
+use motionette_host::verify::solvers::runtime_anchor;
 use motionette_host::{metrics, parallel, verify};
 use serde::{Deserialize, Serialize};
 
-use super::problem::{Problem, for_runtime};
+use super::problem::Problem;
 use crate::control::sampling::Planner;
 use crate::evaluate::figures::{Row, Yardstick};
 use crate::evaluate::generators::Options;
@@ -162,7 +163,7 @@ impl Bench<'_> {
     ) -> Result<(Motion, Controlled)> {
         let prompt = &self.yardstick.prompts[place];
         let known = problem.anchors(&self.real[place].joints, place, seed);
-        let anchors = for_runtime(&known);
+        let anchors = known.iter().map(runtime_anchor).collect::<Vec<_>>();
         let planned;
         let request = match (tokens, way.origin) {
             (Some(tokens), _) => Request::tokens(tokens),
@@ -203,5 +204,29 @@ impl Bench<'_> {
         }
         let whole: Vec<usize> = (0..self.real.len()).collect();
         Ok(self.yardstick.measure(&Sample::new(&way.name, motions), &whole))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A run that was interrupted while it wrote loses what it was writing and nothing else.
+    #[test]
+    fn groups_outlive_an_interrupted_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep/store.jsonl");
+        let group = |key: &str| Group { key: key.into(), judged: Vec::new(), tokens: vec![vec![7]], seconds: 1.5 };
+        let mut store = Store::open(&path).unwrap();
+        store.add(&group("a")).unwrap();
+        let mut file = std::fs::OpenOptions::new().append(true).open(&path).unwrap();
+        file.write_all(b"{\"key\":\"b\",\"jud").unwrap();
+        let mut store = Store::open(&path).unwrap();
+        assert_eq!(store.groups.keys().collect::<Vec<_>>(), ["a"]);
+        store.add(&group("c")).unwrap();
+        let store = Store::open(&path).unwrap();
+        assert_eq!(store.groups.keys().collect::<Vec<_>>(), ["a", "c"]);
+        assert_eq!(store.groups["c"].tokens, [[7]]);
+        assert!(Store::open(folder.path()).is_err(), "a folder is no store");
     }
 }

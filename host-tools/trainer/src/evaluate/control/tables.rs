@@ -7,9 +7,10 @@ use anyhow::Result;
 use motionette::refining::{Activity, Basis, Config};
 use motionette::{Generator, Request};
 use motionette_host::verify;
+use motionette_host::verify::solvers::runtime_anchor;
 
 use super::bench::{Bench, Origin, Way};
-use super::problem::{Problem, for_runtime};
+use super::problem::Problem;
 use crate::control::anchors::{FAMILIES, Kind};
 use crate::evaluate::figures::{Figure, Row};
 
@@ -205,8 +206,9 @@ impl Bench<'_> {
             (course.say)(name);
             let mut sums: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
             for (place, prompt) in self.yardstick.prompts.iter().enumerate() {
-                let anchors = for_runtime(&problem.anchors(&self.real[place].joints, place, 0));
+                let anchors = problem.anchors(&self.real[place].joints, place, 0);
                 let request = Request::text(&prompt.caption).planned(self.generation.planning(prompt, 0));
+                let anchors: Vec<_> = anchors.iter().map(runtime_anchor).collect();
                 let request = Request { anchors: &anchors, refinement, ..request };
                 let plan = Generator::new(self.blob.model()?, &mut [])?.plan(&request)?;
                 let start = Instant::now();
