@@ -35,8 +35,11 @@ fn main() {
         // Relocations stay in the image: they are the call sites that `cargo xtask twin` counts.
         println!("cargo::rustc-link-arg-bins=--emit-relocs");
     }
-    if env::var_os("CARGO_FEATURE_TWIN").is_some() {
+    let twin = env::var_os("CARGO_FEATURE_TWIN").is_some();
+    if twin {
         println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
+    }
+    if twin || env::var_os("CARGO_FEATURE_BENCH").is_some() {
         let blob = env::var_os("MOTIONETTE_BLOB").map_or_else(|| package.join(DEFAULT_BLOB), PathBuf::from);
         println!("cargo::rerun-if-env-changed=MOTIONETTE_BLOB");
         println!("cargo::rerun-if-changed={}", blob.display());

@@ -3,8 +3,9 @@
 use motionette::blob::{Activation, DType, TensorEntry, Tensors};
 use motionette::hash::Stream;
 use motionette::nn::attention::{self, Heads, Segment, SegmentMut, attend};
-use motionette::nn::conv1d::{BLOCK, Rows};
+use motionette::nn::conv1d::Rows;
 use motionette::nn::embedding::Embedding;
+use motionette::nn::linear::BLOCK;
 use motionette::nn::linear::Linear;
 use motionette::nn::norm::LayerNorm;
 use motionette::nn::{activation, quantise, softmax};
@@ -93,7 +94,7 @@ fn linear_is_a_matrix_product_with_a_bias() {
             let (mut q, mut row_scales) = (vec![0i16; rows * inputs], vec![0.0; rows]);
             quantise::rows(&x, inputs, quantise::limit(inputs), &mut q, &mut row_scales);
             let input = Rows { q: &q, scales: &row_scales };
-            let mut acc = vec![0; BLOCK * outputs];
+            let mut acc = vec![0; rows * outputs];
             let mut y = vec![0.0; rows * outputs];
             layer.forward(input, &mut y, &mut acc);
             // int16 activations: half a step of 2^-15 an input, at most.
@@ -305,7 +306,7 @@ fn attention_averages_values_by_softmax_over_all_segments() {
         let keys = own + extra;
         let (mut hq, mut scales) = (vec![0; BLOCK * heads.width], vec![0.0; BLOCK]);
         // Larger buffers than needed must not matter.
-        let (mut scores, mut p) = (vec![9.0; BLOCK * (keys + 3)], vec![7; keys + 2]);
+        let (mut scores, mut p) = (vec![9.0; BLOCK * (keys + 3)], vec![7; BLOCK * keys + 2]);
         let mut acc = vec![3; BLOCK * keys.max(heads.width) + 5];
         let mut scratch =
             attention::Scratch { q: &mut hq, scales: &mut scales, scores: &mut scores, p: &mut p, acc: &mut acc };

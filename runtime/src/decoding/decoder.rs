@@ -6,7 +6,7 @@
 
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
-use crate::nn::conv1d::{BLOCK, Conv1d, GradientBlock, Rows, Shape};
+use crate::nn::conv1d::{BLOCK, Conv1d, GradientBlock, Rows, Shape, accumulators};
 use crate::nn::output::{self, Channels, Output};
 use crate::nn::residual::{self, Masks, Residual};
 use crate::nn::{mask, quantise};
@@ -145,14 +145,13 @@ impl<'a> Decoder<'a> {
             masked_rows += 2 * rows * stage.blocks.len();
             rows *= 2;
         }
-        let output = if channels > widest { channels } else { widest };
         Sizes {
             frames,
             sequence: frames * if columns > width { columns } else { width },
             q: if short > long { short } else { long },
             masks: masked_rows * words,
             row: widest,
-            acc: BLOCK * output,
+            acc: accumulators(widest, channels),
             output: channels,
         }
     }
@@ -171,7 +170,7 @@ impl<'a> Decoder<'a> {
             + bytes_of::<f32>(s.row)
             + bytes_of::<i32>(s.acc)
             + bytes_of::<f32>(s.output)
-            + bytes_of::<i16>(s.output)
+            + bytes_of::<i16>(BLOCK * s.output)
             + bytes_of::<i32>(s.acc)
     }
 
@@ -203,7 +202,7 @@ impl<'a> Decoder<'a> {
                 },
             },
             output_row: arena.take(s.output)?,
-            output_q: arena.take(s.output)?,
+            output_q: arena.take(BLOCK * s.output)?,
             acc_low: arena.take(s.acc)?,
         })
     }

@@ -13,13 +13,13 @@
 use super::decoder::{Check, Decoder, Interrupted};
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{MAX_BLOCKS, MAX_STAGES};
-use crate::nn::conv1d::{BLOCK, Conv1d, Rows};
+use crate::nn::conv1d::{BLOCK, Conv1d, Rows, accumulators};
 use crate::nn::output::{self, Channels, Output};
 use crate::nn::residual::{self, Residual};
 use crate::nn::{mask, quantise};
 
 /// Tokens that pass through the decoder at a time, at most: weights are read once for so many.
-pub const CHUNK: usize = BLOCK;
+pub const CHUNK: usize = 4;
 /// Layers a decoder may have.
 const MAX_LAYERS: usize = 3 + MAX_STAGES * (MAX_BLOCKS + 1);
 
@@ -187,8 +187,8 @@ impl<'a> Decoder<'a> {
             scales: 0,
             masks: frames * mask::words(self.width),
             row: self.width,
-            acc: BLOCK * if channels > self.width { channels } else { self.width },
-            acc_low: BLOCK * channels.min(self.wide()),
+            acc: accumulators(self.width.max(self.code_width()), channels),
+            acc_low: accumulators(self.width, channels.min(self.wide())),
         };
         for (stage, layer) in self.layers() {
             let rows = CHUNK << stage;

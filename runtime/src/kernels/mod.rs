@@ -1,18 +1,37 @@
 //! Integer inner loops: int16 activations times int8 weights, int32 accumulators.
 //!
-//! The portable implementation is the specification and what every other target runs. x86-64 adds AVX2 and AVX-512
-//! variants, of which the best that processor and system support is chosen at the first call. There the loops over f32
-//! around the integers gain from wide registers as well: [`wide`], [`exponentials`], [`gelu`].
+//! The portable implementation is the specification and what every other target runs. Cortex-M cores with the DSP extension
+//! or MVE have loops in assembly. x86-64 has AVX2 and AVX-512 variants, of which the best that processor and system support
+//! is chosen at the first call; there the loops over f32 around the integers gain from wide registers as well: [`wide`].
 //! Callers guarantee by the range of the activations ([`crate::nn::quantise::limit`]) that no accumulator can overflow,
 //! and all variants wrap where one does, so every order of summation gives the same bits.
+//!
+//! `acc` may be longer than the accumulators: what lies behind them is a variant's to work in, [`room`] numbers of it if
+//! it shall not be slowed down, and holds anything afterwards.
 
+#[cfg(kernels)]
+mod arm;
+#[cfg(any(test, feature = "check-kernels"))]
+pub mod check;
 mod portable;
 #[cfg(test)]
 mod tests;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+#[cfg(kernels)]
+pub use arm::{linear_s16s8, linear_transposed_s16s8};
 #[cfg(not(target_arch = "x86_64"))]
-pub use portable::{exponentials, gelu, linear_s16s8, linear_transposed_s16s8, wide};
+pub use portable::wide;
+#[cfg(not(any(kernels, target_arch = "x86_64")))]
+pub use portable::{linear_s16s8, linear_transposed_s16s8};
 #[cfg(target_arch = "x86_64")]
-pub use x86::{exponentials, gelu, linear_s16s8, linear_transposed_s16s8, wide};
+pub use x86::{linear_s16s8, linear_transposed_s16s8, wide};
+
+/// Numbers behind the accumulators with which every variant is as fast as it can be, for `rows` rows of `terms` terms a
+/// sum: `inputs`, or `outputs` where the weights are transposed. The same on all targets, so that a plan holds on all.
+#[must_use]
+pub const fn room(rows: usize, terms: usize) -> usize {
+    // Cortex-M DSP packs rows by four as int16, and as much of the weights.
+    if rows == 0 { 0 } else { 2 * (rows.div_ceil(4) + 1) * 4 * terms.div_ceil(4) }
+}

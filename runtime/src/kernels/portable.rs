@@ -45,22 +45,3 @@ pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usiz
 pub fn wide<R>(body: impl FnOnce() -> R) -> R {
     body()
 }
-
-/// `x[i] <- exp(x[i] - largest)`; returns their sum in order.
-#[inline(always)]
-pub fn exponentials(x: &mut [f32], largest: f32) -> f32 {
-    let mut sum = 0.0;
-    for v in x {
-        *v = libm::expf(*v - largest);
-        sum += *v;
-    }
-    sum
-}
-
-/// `x[i] <- x[i]/2 (1 + erf(x[i] / sqrt 2))`.
-#[inline(always)]
-pub fn gelu(x: &mut [f32]) {
-    for x in x {
-        *x = 0.5 * *x * (1.0 + libm::erff(*x * core::f32::consts::FRAC_1_SQRT_2));
-    }
-}

@@ -1,9 +1,10 @@
 //! Activations of feed-forward layers.
 
+use super::exp::gelu;
 use crate::blob::Activation;
-use crate::kernels;
+use crate::kernels::wide;
 
-/// `x <- f(x)`: ReLU, or GELU in its exact form `x/2 (1 + erf(x / sqrt 2))`.
+/// `x <- f(x)`: ReLU, or GELU `x/2 (1 + erf(x / sqrt 2))`.
 #[inline(never)]
 pub fn apply(activation: Activation, x: &mut [f32]) {
     match activation {
@@ -12,6 +13,10 @@ pub fn apply(activation: Activation, x: &mut [f32]) {
                 *x = if *x > 0.0 { *x } else { 0.0 };
             }
         }
-        Activation::Gelu => kernels::gelu(x),
+        Activation::Gelu => wide(|| {
+            for x in x {
+                *x = gelu(*x);
+            }
+        }),
     }
 }

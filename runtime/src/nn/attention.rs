@@ -4,7 +4,7 @@
 //! become int16 with one scale a (row, head), keys and values are int8 with one scale a (row, head); the values' scales
 //! are folded into the probabilities before these become int16. Segments are summed in their order.
 
-use super::conv1d::BLOCK;
+use super::linear::BLOCK;
 use super::{quantise, softmax};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8};
 
@@ -91,9 +91,9 @@ pub struct Scratch<'a> {
     pub scales: &'a mut [f32],
     /// Scores, then probabilities: one a row and key of all segments, `[BLOCK][keys]`.
     pub scores: &'a mut [f32],
-    /// Probabilities times value scales, `[keys]`.
+    /// Probabilities times value scales, `[BLOCK]` rows of one segment at a time.
     pub p: &'a mut [i16],
-    /// `[BLOCK][max(keys, dh)]`
+    /// `[BLOCK][max(keys, dh)]`, and the kernels' room
     pub acc: &'a mut [i32],
 }
 
@@ -135,7 +135,8 @@ pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32]
             }
             first += n;
         }
-        for (scores, out) in scratch.scores.chunks_exact_mut(keys).zip(out.chunks_exact_mut(width)) {
+        let mut steps = [quantise::Step::default(); BLOCK];
+        for (scores, step) in scratch.scores.chunks_exact_mut(keys).zip(&mut steps).take(rows) {
             softmax::softmax(scores);
             let mut rest = scores.iter_mut();
             for s in segments {
@@ -144,20 +145,23 @@ pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32]
                     *p *= *scale;
                 }
             }
-            let scale = quantise::row(scores, scratch.p, quantise::limit(keys));
-            let Some(out) = out.get_mut(columns.clone()) else { continue };
-            let mut first = 0;
-            for s in segments {
-                let n = s.rows;
-                let p = scratch.p.get(first..first + n).unwrap_or(&[]);
-                let values = s.values.get(head * n * dh..(head + 1) * n * dh).unwrap_or(&[]);
-                let acc = scratch.acc.get_mut(..dh).unwrap_or(&mut []);
-                linear_transposed_s16s8(p, values, dh, n, acc);
-                for (y, a) in out.iter_mut().zip(acc.iter()) {
-                    *y += *a as f32 * scale;
-                }
-                first += n;
+            *step = quantise::step(scores, quantise::limit(keys));
+        }
+        let mut first = 0;
+        for s in segments {
+            let n = s.rows;
+            let p = scratch.p.get_mut(..rows * n).unwrap_or(&mut []);
+            for ((p, scores), step) in p.chunks_exact_mut(n.max(1)).zip(scratch.scores.chunks_exact(keys)).zip(steps) {
+                quantise::part(scores.get(first..first + n).unwrap_or(&[]), step, p);
             }
+            let values = s.values.get(head * n * dh..(head + 1) * n * dh).unwrap_or(&[]);
+            linear_transposed_s16s8(p, values, dh, n, scratch.acc);
+            for ((out, acc), step) in out.chunks_exact_mut(width).zip(scratch.acc.chunks_exact(dh)).zip(steps) {
+                for (y, a) in out.iter_mut().skip(head * dh).zip(acc) {
+                    *y += *a as f32 * step.scale;
+                }
+            }
+            first += n;
         }
     }
 }

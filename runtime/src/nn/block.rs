@@ -9,12 +9,13 @@
 
 use super::activation;
 use super::attention::{self, Heads, Segment, SegmentMut, attend};
-use super::conv1d::{BLOCK, Rows, larger};
-use super::linear::Linear;
+use super::conv1d::{Rows, larger};
+use super::linear::{BLOCK, Linear};
 use super::norm::{LayerNorm, MAX_INPUT};
 use super::quantise;
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{Activation, Error, Norm, Tensors, TransformerConfig};
+use crate::kernels::room;
 use heapless::Vec;
 
 /// Segments that self-attention may read: a sequence's own rows and those that something else adds.
@@ -77,34 +78,30 @@ impl Sizes {
     }
 
     const fn acc(&self) -> usize {
-        let mut most = self.outputs;
-        let others = [self.width, self.hidden, self.keys, self.head];
-        let [a, b, c, d] = others;
-        if a > most {
-            most = a;
-        }
-        if b > most {
-            most = b;
-        }
-        if c > most {
-            most = c;
-        }
-        if d > most {
-            most = d;
-        }
-        BLOCK * most
+        let sums = most([self.outputs, self.width, self.hidden, self.keys, self.head]);
+        BLOCK * sums + room(BLOCK, most([self.terms(), self.keys, self.head, 0, 0]))
+    }
+
+    /// Longest input of any linear layer.
+    const fn terms(&self) -> usize {
+        most([self.inputs, self.width, self.hidden, 0, 0])
     }
 
     const fn q(&self) -> usize {
-        let mut most = self.inputs;
-        if self.width > most {
-            most = self.width;
-        }
-        if self.hidden > most {
-            most = self.hidden;
-        }
-        BLOCK * most
+        BLOCK * self.terms()
     }
+}
+
+/// The largest.
+const fn most(numbers: [usize; 5]) -> usize {
+    let (mut most, mut rest): (usize, &[usize]) = (0, &numbers);
+    while let [first, others @ ..] = rest {
+        if *first > most {
+            most = *first;
+        }
+        rest = others;
+    }
+    most
 }
 
 /// One block of rows on its way through the layers.
@@ -134,7 +131,7 @@ impl<'w> Scratch<'w> {
             + bytes_of::<i16>(BLOCK * sizes.head)
             + bytes_of::<f32>(BLOCK)
             + bytes_of::<f32>(BLOCK * sizes.keys)
-            + bytes_of::<i16>(sizes.keys)
+            + bytes_of::<i16>(BLOCK * sizes.keys)
             + bytes_of::<i32>(sizes.acc())
     }
 
@@ -153,7 +150,7 @@ impl<'w> Scratch<'w> {
                 q: arena.take(BLOCK * sizes.head)?,
                 scales: arena.take(BLOCK)?,
                 scores: arena.take(BLOCK * sizes.keys)?,
-                p: arena.take(sizes.keys)?,
+                p: arena.take(BLOCK * sizes.keys)?,
                 acc: arena.take(sizes.acc())?,
             },
         })

@@ -6,10 +6,18 @@
 
 use super::quantise;
 use crate::blob::{DType, Error, Tensors};
-use crate::kernels::{linear_s16s8, linear_transposed_s16s8, wide};
+use crate::kernels::{linear_s16s8, linear_transposed_s16s8, room, wide};
 
-/// Rows that a layer multiplies at a time: weights are read once for so many rows.
-pub const BLOCK: usize = 4;
+/// Rows that a layer multiplies at a time: weights are read, and widened or transposed, once for so many rows.
+pub const BLOCK: usize = 24;
+
+/// Length of accumulators for layers of at most so many inputs and outputs, forward and backward, with [`room`] behind them.
+#[must_use]
+pub const fn accumulators(inputs: usize, outputs: usize) -> usize {
+    // Forward and backward, either counts the terms of a sum and the sums.
+    let most = if inputs > outputs { inputs } else { outputs };
+    BLOCK * most + room(BLOCK, most)
+}
 
 /// A convolution layer in flash.
 #[derive(Debug, Clone, Copy)]
@@ -83,6 +91,15 @@ impl<'a> Conv1d<'a> {
         })
     }
 
+    /// A layer of weights `[taps][N][K]`, scales and biases `[N]`; `None` where their lengths do not go together.
+    #[must_use]
+    pub fn new(shape: Shape, weights: &'a [i8], scales: &'a [f32], biases: &'a [f32]) -> Option<Self> {
+        let (taps, inputs, outputs) = (usize::from(shape.taps), usize::from(shape.inputs), usize::from(shape.outputs));
+        let fits = weights.len() == taps * inputs * outputs && scales.len() == outputs && biases.len() == outputs;
+        let dilation = usize::from(shape.dilation);
+        fits.then_some(Conv1d { taps, dilation, inputs, outputs, weights, scales, biases })
+    }
+
     /// Output channels.
     #[must_use]
     pub const fn outputs(&self) -> usize {
@@ -129,7 +146,7 @@ impl<'a> Conv1d<'a> {
         self.weights.get(tap * size..(tap + 1) * size).unwrap_or(&[])
     }
 
-    /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds. `acc` has room for [`BLOCK`] `* N`.
+    /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds. `acc` holds [`accumulators`].
     pub fn forward(&self, x: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
         let (width, rows) = (self.outputs, x.scales.len());
         for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {

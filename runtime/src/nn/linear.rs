@@ -2,9 +2,12 @@
 //!
 //! `y[r][n] = (sx[r] * sum_k q[r][k] w[n][k]) * s[n] + b[n]`; the sum is int32.
 
-use super::conv1d::{BLOCK, Rows, larger, row_bound, weight_norm};
+use super::conv1d::{Rows, larger, row_bound, weight_norm};
 use crate::blob::{Error, Tensors};
 use crate::kernels::{linear_s16s8, wide};
+
+/// Rows that go through a transformer's layers together.
+pub const BLOCK: usize = 4;
 
 /// A linear layer in flash.
 #[derive(Debug, Clone, Copy)]
@@ -35,6 +38,14 @@ impl<'a> Linear<'a> {
             scales: tensors.take()?.scales(outputs)?,
             biases: tensors.take()?.singles(outputs)?,
         })
+    }
+
+    /// A layer of weights `[N][K]`, scales and biases `[N]`; `None` where their lengths do not go together.
+    #[must_use]
+    pub fn new(inputs: usize, weights: &'a [i8], scales: &'a [f32], biases: &'a [f32]) -> Option<Self> {
+        let outputs = scales.len();
+        let fits = outputs.checked_mul(inputs) == Some(weights.len()) && biases.len() == outputs;
+        fits.then_some(Linear { inputs, outputs, weights, scales, biases })
     }
 
     /// Input channels.
@@ -89,21 +100,18 @@ impl<'a> Linear<'a> {
         super::embedding::largest(self.weights, self.scales, self.inputs)
     }
 
-    /// `out [R][N]` of `x [R][K]`. `acc` has room for [`BLOCK`] `* N`.
+    /// `out [R][N]` of `x [R][K]`. `acc` has `R N` numbers, and [`room`](crate::kernels::room) behind them.
     #[inline(never)]
     pub fn forward(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
         let width = self.outputs.max(1);
-        for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {
-            let x = x.window(block * BLOCK, BLOCK, self.inputs);
-            linear_s16s8(x.q, self.weights, self.inputs, self.outputs, acc);
-            wide(|| {
-                for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
-                    let constants = self.scales.iter().zip(self.biases);
-                    for ((y, a), (scale, bias)) in out.iter_mut().zip(acc).zip(constants) {
-                        *y = *a as f32 * *sx * *scale + *bias;
-                    }
+        linear_s16s8(x.q, self.weights, self.inputs, self.outputs, acc);
+        wide(|| {
+            for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
+                let constants = self.scales.iter().zip(self.biases);
+                for ((y, a), (scale, bias)) in out.iter_mut().zip(acc).zip(constants) {
+                    *y = *a as f32 * *sx * *scale + *bias;
                 }
-            });
-        }
+            }
+        });
     }
 }

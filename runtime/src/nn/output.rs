@@ -103,11 +103,11 @@ pub struct Output<'a> {
 pub struct Scratch<'a> {
     /// One row of selected channels, `[C]`.
     pub row: &'a mut [f32],
-    /// The same quantised, `[C]`.
+    /// Rows of selected channels, quantised, range by range: `[BLOCK][C]`.
     pub q: &'a mut [i16],
-    /// `[BLOCK][max(C, K)]`
+    /// As [`accumulators`](super::conv1d::accumulators) says for `K` and `C`.
     pub acc: &'a mut [i32],
-    /// `[BLOCK][max(wide, K)]`
+    /// The same.
     pub acc_low: &'a mut [i32],
 }
 
@@ -271,48 +271,101 @@ impl<'a> Output<'a> {
         let width = channels.count().max(1);
         let limit = quantise::limit(self.outputs);
         dx.fill(0.0);
-        for (t, g) in g.chunks_exact(width).enumerate() {
-            let row = scratch.row.get_mut(..width).unwrap_or(&mut []);
-            let mut column = 0;
-            let mut wide_count = 0;
-            for range in channels.ranges() {
-                let part = row.iter_mut().zip(g).skip(column).take(range.count);
-                for ((row, g), s) in part.zip(self.scales.iter().skip(range.first)) {
-                    *row = *g * *s;
-                }
-                column += range.count;
-                wide_count += self.split(range).0.count;
+        for (block, g) in g.chunks((BLOCK * width).max(1)).enumerate() {
+            let rows = g.len() / width;
+            let mut wide_scales = [0.0; BLOCK];
+            let mut narrow_scales = [0.0; BLOCK];
+            for (r, (g, scales)) in
+                g.chunks_exact(width).zip(wide_scales.iter_mut().zip(&mut narrow_scales)).enumerate()
+            {
+                (*scales.0, *scales.1) = self.quantise_row(g, channels, limit, (r, rows), scratch);
             }
-            let Some((wide_row, narrow_row)) = row.split_at_mut_checked(wide_count) else { return };
-            let Some((wide_q, narrow_q)) = scratch.q.split_at_mut_checked(wide_count) else { return };
-            let wide_scale = quantise::row(wide_row, wide_q, limit);
-            let narrow_scale = quantise::row(narrow_row, narrow_q, limit);
-            for tap in 0..self.taps {
-                let Some(source) = (t + tap).checked_sub(self.taps / 2) else { continue };
-                let Some(dx) = dx.get_mut(source * self.inputs..(source + 1) * self.inputs) else { continue };
-                let (mut wide_at, mut narrow_at) = (0, 0);
-                for range in channels.ranges() {
-                    let (wide, narrow) = self.split(range);
-                    if wide.count > 0 {
-                        let q = wide_q.get(wide_at..wide_at + wide.count).unwrap_or(&[]);
-                        wide_at += wide.count;
-                        let high = self.rows(self.high, self.wide, tap, wide);
-                        let low = self.rows(self.low, self.wide, tap, wide);
-                        linear_transposed_s16s8(q, high, self.inputs, wide.count, scratch.acc);
-                        linear_transposed_s16s8(q, low, self.inputs, wide.count, scratch.acc_low);
-                        for ((dx, high), low) in dx.iter_mut().zip(scratch.acc.iter()).zip(scratch.acc_low.iter()) {
-                            *dx += (*high as f32 * 256.0 + *low as f32) * wide_scale;
-                        }
-                    }
-                    if narrow.count > 0 {
-                        let q = narrow_q.get(narrow_at..narrow_at + narrow.count).unwrap_or(&[]);
-                        narrow_at += narrow.count;
-                        let weights = self.rows(self.weights, self.outputs - self.wide, tap, narrow);
-                        linear_transposed_s16s8(q, weights, self.inputs, narrow.count, scratch.acc);
-                        add_scaled(dx, scratch.acc, core::slice::from_ref(&narrow_scale), self.inputs);
+            // Descending taps: a row of dx takes its sums in the order of the rows that they come from.
+            for tap in (0..self.taps).rev() {
+                let first = block * BLOCK;
+                let skip = (self.taps / 2).saturating_sub(first + tap);
+                let source = (first + skip + tap).saturating_sub(self.taps / 2);
+                let dx = dx.get_mut(source * self.inputs..).unwrap_or(&mut []);
+                self.backward_tap(tap, skip, rows, channels, dx, (&wide_scales, &narrow_scales), scratch);
+            }
+        }
+    }
+
+    /// Row `r` of `rows`: gradients `g [C]` times the output scales, quantised into `scratch.q`, where each part of a range
+    /// is `[rows][count]`. Returns the scales of the int16 and the int8 part.
+    fn quantise_row(
+        &self,
+        g: &[f32],
+        channels: &Channels,
+        limit: i16,
+        (r, rows): (usize, usize),
+        scratch: &mut Scratch<'_>,
+    ) -> (f32, f32) {
+        let row = scratch.row.get_mut(..g.len()).unwrap_or(&mut []);
+        let mut rest = row.iter_mut().zip(g);
+        let mut wide_count = 0;
+        for range in channels.ranges() {
+            let part = rest.by_ref().take(range.count);
+            for ((row, g), s) in part.zip(self.scales.iter().skip(range.first)) {
+                *row = *g * *s;
+            }
+            wide_count += self.split(range).0.count;
+        }
+        let Some((wide_row, narrow_row)) = row.split_at_checked(wide_count) else { return (0.0, 0.0) };
+        let wide = quantise::step(wide_row, limit);
+        let narrow = quantise::step(narrow_row, limit);
+        let mut column = 0;
+        for range in channels.ranges() {
+            let (wide_part, narrow_part) = self.split(range);
+            for (count, step) in [(wide_part.count, wide), (narrow_part.count, narrow)] {
+                let first = column * rows + r * count;
+                let q = scratch.q.get_mut(first..first + count).unwrap_or(&mut []);
+                quantise::part(row.get(column..column + count).unwrap_or(&[]), step, q);
+                column += count;
+            }
+        }
+        (wide.scale, narrow.scale)
+    }
+
+    /// Adds what one tap carries back from quantised rows `skip..rows` to `dx`, one row each.
+    fn backward_tap(
+        &self,
+        tap: usize,
+        skip: usize,
+        rows: usize,
+        channels: &Channels,
+        dx: &mut [f32],
+        (wide_scales, narrow_scales): (&[f32], &[f32]),
+        scratch: &mut Scratch<'_>,
+    ) {
+        let width = self.inputs.max(1);
+        let part = |column: usize, count: usize| column * rows + skip * count..(column + count) * rows;
+        let wide_scales = wide_scales.get(skip..rows).unwrap_or(&[]);
+        let narrow_scales = narrow_scales.get(skip..rows).unwrap_or(&[]);
+        let mut column = 0;
+        for range in channels.ranges() {
+            let (wide, narrow) = self.split(range);
+            if wide.count > 0 {
+                let q = scratch.q.get(part(column, wide.count)).unwrap_or(&[]);
+                let high = self.rows(self.high, self.wide, tap, wide);
+                let low = self.rows(self.low, self.wide, tap, wide);
+                linear_transposed_s16s8(q, high, self.inputs, wide.count, scratch.acc);
+                linear_transposed_s16s8(q, low, self.inputs, wide.count, scratch.acc_low);
+                let sums = scratch.acc.chunks_exact(width).zip(scratch.acc_low.chunks_exact(width));
+                for ((dx, (high, low)), scale) in dx.chunks_exact_mut(width).zip(sums).zip(wide_scales) {
+                    for ((dx, high), low) in dx.iter_mut().zip(high).zip(low) {
+                        *dx += (*high as f32 * 256.0 + *low as f32) * *scale;
                     }
                 }
             }
+            column += wide.count;
+            if narrow.count > 0 {
+                let q = scratch.q.get(part(column, narrow.count)).unwrap_or(&[]);
+                let weights = self.rows(self.weights, self.outputs - self.wide, tap, narrow);
+                linear_transposed_s16s8(q, weights, self.inputs, narrow.count, scratch.acc);
+                add_scaled(dx, scratch.acc, narrow_scales, self.inputs);
+            }
+            column += narrow.count;
         }
     }
 

@@ -46,21 +46,50 @@ fn largest(x: &[f32]) -> Option<f32> {
 /// Quantises one row: `x[k] ~ q[k] * scale`, `|q[k]| <= limit`. Returns the scale.
 #[inline]
 pub fn row(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
-    wide(|| row_elements(x, q, limit))
+    wide(|| {
+        let Step { factor, scale } = step_of(x, limit);
+        scaled(x, factor, q);
+        scale
+    })
+}
+
+/// How a row is quantised: `q[k] = round(x[k] * factor)`, `x[k] ~ q[k] * scale`. Both are 0 for a row that is stored as zeros.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Step {
+    /// What numbers are multiplied by.
+    pub factor: f32,
+    /// What turns them back.
+    pub scale: f32,
+}
+
+/// The step of a row, to quantise it part by part with [`part`].
+#[inline]
+pub fn step(x: &[f32], limit: i16) -> Step {
+    wide(|| step_of(x, limit))
+}
+
+/// Quantises a part of a row.
+#[inline]
+pub fn part(x: &[f32], step: Step, q: &mut [i16]) {
+    wide(|| scaled(x, step.factor, q));
 }
 
 #[inline(always)]
-fn row_elements(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
-    let Some(largest) = largest(x) else {
-        q.fill(0);
-        return 0.0;
-    };
+fn step_of(x: &[f32], limit: i16) -> Step {
     let limit = f32::from(limit);
-    let factor = limit / largest;
+    largest(x).map_or(Step::default(), |largest| Step { factor: limit / largest, scale: largest / limit })
+}
+
+#[inline(always)]
+fn scaled(x: &[f32], factor: f32, q: &mut [i16]) {
+    // Not only for speed: the row may hold what is not finite.
+    if factor == 0.0 {
+        q.fill(0);
+        return;
+    }
     for (q, v) in q.iter_mut().zip(x) {
         *q = round(*v * factor);
     }
-    largest / limit
 }
 
 /// The same to int8, `|q[k]| <= 127`: keys and values of attention.

@@ -1,6 +1,7 @@
 //! Softmax in f32: largest first taken off, exponentials summed in order.
 
-use crate::kernels;
+use super::exp::exp;
+use crate::kernels::wide;
 
 /// `x[i] <- exp(x[i] - max) / sum_j exp(x[j] - max)`.
 #[inline(never)]
@@ -20,5 +21,15 @@ pub fn exponentials(x: &mut [f32]) -> f32 {
             largest = *v;
         }
     }
-    kernels::exponentials(x, largest)
+    wide(|| {
+        for v in x.iter_mut() {
+            *v = exp(*v - largest);
+        }
+    });
+    // In order, lane by lane: the sum has one written order.
+    let mut sum = 0.0;
+    for v in x {
+        sum += *v;
+    }
+    sum
 }

@@ -12,7 +12,7 @@ use crate::decoding::codebook::Codebooks;
 use crate::hash::Stream;
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes};
-use crate::nn::conv1d::BLOCK;
+use crate::nn::linear::BLOCK;
 use crate::nn::{Check, Interrupted};
 use crate::perception::Text;
 use crate::perception::anchors::AnchorSet;

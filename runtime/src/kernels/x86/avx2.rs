@@ -1,6 +1,5 @@
 //! AVX2: 16 products an instruction, added in pairs (`vpmaddwd`). A pair cannot overflow: a weight is at most 128.
 
-use super::libm;
 use super::rows::{by_rows, in_steps, padded, pair, present, put, row, tiles};
 use core::arch::x86_64::*;
 
@@ -14,26 +13,6 @@ const OUTPUTS: usize = 2;
 #[target_feature(enable = "avx2")]
 pub fn wide<R>(body: impl FnOnce() -> R) -> R {
     body()
-}
-
-/// See [`super::portable::exponentials`].
-#[target_feature(enable = "avx2")]
-pub fn exponentials(x: &mut [f32], largest: f32) -> f32 {
-    for v in x.iter_mut() {
-        *v -= largest;
-    }
-    libm::exp(x);
-    let mut sum = 0.0;
-    for v in x {
-        sum += *v;
-    }
-    sum
-}
-
-/// See [`super::portable::gelu`].
-#[target_feature(enable = "avx2")]
-pub fn gelu(x: &mut [f32]) {
-    libm::gelu(x);
 }
 
 /// See [`super::portable::linear_s16s8`].

@@ -4,7 +4,6 @@
 mod avx2;
 mod avx512;
 mod detect;
-mod libm;
 mod rows;
 
 use super::portable;
@@ -30,24 +29,6 @@ pub fn wide<R>(body: impl FnOnce() -> R) -> R {
         Isa::Portable => body(),
         // SAFETY: `best` returns only what processor and system support, and AVX-512 includes AVX2.
         Isa::Avx2 | Isa::Avx512 => unsafe { avx2::wide(body) },
-    }
-}
-
-/// `portable::exponentials`, several at a time.
-pub fn exponentials(x: &mut [f32], largest: f32) -> f32 {
-    match Isa::best() {
-        Isa::Portable => portable::exponentials(x, largest),
-        // SAFETY: as in `wide`.
-        Isa::Avx2 | Isa::Avx512 => unsafe { avx2::exponentials(x, largest) },
-    }
-}
-
-/// `portable::gelu`, several at a time.
-pub fn gelu(x: &mut [f32]) {
-    match Isa::best() {
-        Isa::Portable => portable::gelu(x),
-        // SAFETY: as in `wide`.
-        Isa::Avx2 | Isa::Avx512 => unsafe { avx2::gelu(x) },
     }
 }
 

@@ -1,0 +1,93 @@
+//! The standard request of the budgets (49 tokens from text with guidance, two root anchors and two wrists, default
+//! refinement), between the marks that `firmware-sim/bench/count.c` counts instructions between: the model opened, the
+//! whole request, then the same request once more stage by stage.
+#![no_std]
+#![no_main]
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use motionette::{Anchors, Flow, Generator, Joint, Model, Observer, Progress, Request, Stage, blob::Aligned};
+use motionette_cortex_m::stack;
+use semihosting::{println, process::exit};
+
+const MODEL: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/model.blob"));
+
+#[unsafe(link_section = ".blob")]
+static BLOB: Aligned<[u8; MODEL.len()]> = Aligned(*include_bytes!(concat!(env!("OUT_DIR"), "/model.blob")));
+
+const ARENA_BYTES: usize = 400 * 1024;
+const PROMPT: &str = "a person walks forward and waves the right hand";
+
+/// Ends the region before and begins the one of this number.
+macro_rules! mark {
+    ($number:literal) => {
+        // SAFETY: a hint without effect.
+        unsafe { core::arch::asm!(concat!("dbg #", $number)) }
+    };
+}
+
+/// Marks where stages begin.
+struct Stages;
+
+impl Observer for Stages {
+    fn progress(&mut self, progress: Progress) -> Flow {
+        match progress.stage {
+            Stage::Reading => mark!("3"),
+            Stage::Planning => mark!("4"),
+            Stage::Refining => mark!("5"),
+            Stage::Decoding => mark!("6"),
+        }
+        Flow::Continue
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    let Some(arena) = cortex_m::singleton!(: Aligned<[u8; ARENA_BYTES]> = Aligned([0; ARENA_BYTES])) else { exit(1) };
+    match run(&mut arena.0) {
+        Ok(()) => exit(0),
+        Err(error) => {
+            println!("refused: {:?}", error);
+            exit(1)
+        }
+    }
+}
+
+fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
+    mark!("1");
+    let model = Model::open(&BLOB.0);
+    mark!("0");
+    let Ok(model) = model else { exit(1) };
+    let mut generator = Generator::new(model, arena)?;
+    let anchors = Anchors::new()
+        .root_at(4.0, [0.2, 0.9, 2.0])
+        .root_at(9.7, [0.4, 0.9, 5.0])
+        .joint_at(6.0, Joint::RightWrist, [0.0, 1.5, 3.2])
+        .joint_at(8.0, Joint::LeftWrist, [0.5, 1.0, 4.2]);
+    let Ok(anchors) = anchors.as_slice() else { exit(1) };
+    let request = Request::text(PROMPT).frames(196).seed(1).through(anchors);
+    let plan = generator.plan(&request)?;
+    mark!("2");
+    let motion = generator.generate(&request, &mut ())?;
+    mark!("0");
+    let report = motion.refinement;
+    println!(
+        "bench hash={:016x} plan_macs={} evaluations={} gradients={} stack={} arena={}",
+        motion.hash(),
+        plan.macs,
+        report.map_or(0, |r| r.evaluations),
+        report.map_or(0, |r| r.gradients),
+        stack::high_water(),
+        motion.arena_used
+    );
+    generator.generate(&request, &mut Stages)?;
+    mark!("0");
+    Ok(())
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    println!("{}", info);
+    exit(101)
+}

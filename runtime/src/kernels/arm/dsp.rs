@@ -1,0 +1,246 @@
+//! Armv7E-M and Armv8-M with the DSP extension: Cortex-M4, M7, M33.
+//!
+//! Rows go through panels of four, in the room behind the accumulators. Few rows meet the int8 weights as they lie in
+//! flash (13 instructions for 16 products); for many, and for transposed weights, four channels at a time are widened to
+//! int16 first (11, and 1.1 or 1.8 a weight). What does not come in fours of inputs and channels goes the portable way.
+
+use super::super::portable;
+use core::arch::global_asm;
+
+// The assembler takes the DSP extension for granted on Armv7E-M only.
+#[cfg(kernels_v8)]
+global_asm!(".cpu cortex-m33", include_str!("dsp.s"), options(raw));
+#[cfg(not(kernels_v8))]
+global_asm!(include_str!("dsp.s"), options(raw));
+
+/// Rows of a panel, channels of a wide tile, and inputs of a quad.
+const FOUR: usize = 4;
+/// Rows from which on widening weights costs less than it saves.
+const MANY: usize = 12;
+
+/// Numbers of a panel or a wide tile, a quad.
+const PANEL: usize = 8;
+
+unsafe extern "C" {
+    fn mtn_pack4(rows: *const [*const i16; FOUR], panel: *mut i32, quads: usize);
+    fn mtn_pack1(row: *const i16, panel: *mut i32, quads: usize);
+    fn mtn_widen4(w: *const i8, row_bytes: usize, quads: usize, tile: *mut i32);
+    fn mtn_widen4_transposed(w: *const i8, row_bytes: usize, quads: usize, tile: *mut i32);
+    fn mtn_dot4_s8(w: *const i8, panel: *const i32, quads: usize, acc: *mut i32, channels: usize, row_bytes: usize);
+    fn mtn_dot4_s16(tile: *const i32, panels: *const i32, quads: usize, acc: *mut i32, groups: usize, row_bytes: usize);
+    fn mtn_dot1_s8(w: *const i8, row: *const i32, quads: usize, acc: *mut i32, pairs: usize, row_bytes: usize);
+}
+
+/// See [`portable::linear_s16s8`].
+pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    if try_linear(x, w, inputs, outputs, acc).is_none() {
+        portable::linear_s16s8(x, w, inputs, outputs, acc);
+    }
+}
+
+/// See [`portable::linear_transposed_s16s8`].
+pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    if try_transposed(g, w, inputs, outputs, acc).is_none() {
+        portable::linear_transposed_s16s8(g, w, inputs, outputs, acc);
+    }
+}
+
+/// `None` where the fast way does not suit; `acc` may then hold anything.
+fn try_linear(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) -> Option<()> {
+    let quads = inputs / FOUR;
+    let rows = x.len().checked_div(inputs)?;
+    if !inputs.is_multiple_of(FOUR) || outputs == 0 {
+        return None;
+    }
+    let w = w.get(..outputs * inputs)?;
+    let (acc, room) = acc.split_at_mut_checked(rows * outputs)?;
+    if rows >= MANY && outputs >= FOUR {
+        let (tile, panels) = room.split_at_mut_checked(PANEL * quads)?;
+        pack(x, rows, inputs, panels)?;
+        for first in fours(outputs) {
+            widen4(w.get(first * inputs..)?, inputs, quads, tile)?;
+            dot_rows(tile, panels, quads, rows, acc.get_mut(first..)?, outputs)?;
+        }
+        return Some(());
+    }
+    if rows >= FOUR {
+        for first in fours(rows) {
+            let x = x.get(first * inputs..)?;
+            pack4([x, x.get(inputs..)?, x.get(2 * inputs..)?, x.get(3 * inputs..)?], quads, room)?;
+            dot4_s8(w, room, quads, outputs, acc.get_mut(first * outputs..)?)?;
+        }
+        return Some(());
+    }
+    let whole = outputs & !1;
+    for (x, acc) in x.chunks_exact(inputs.max(1)).zip(acc.chunks_exact_mut(outputs.max(1))) {
+        pack1(x, quads, room)?;
+        dot1_s8(w, room, quads, acc.get_mut(..whole)?)?;
+        let (w, acc) = (w.get(whole * inputs..)?, acc.get_mut(whole..)?);
+        portable::linear_s16s8(x, w, inputs, acc.len(), acc);
+    }
+    Some(())
+}
+
+/// `None` where the fast way does not suit; `acc` may then hold anything.
+fn try_transposed(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) -> Option<()> {
+    let quads = outputs.div_ceil(FOUR);
+    let rows = g.len().checked_div(outputs)?;
+    if inputs < FOUR {
+        return None;
+    }
+    let w = w.get(..outputs * inputs)?;
+    let (acc, room) = acc.split_at_mut_checked(rows * inputs)?;
+    let (tile, panels) = room.split_at_mut_checked(PANEL * quads)?;
+    pack(g, rows, outputs, panels)?;
+    for first in fours(inputs) {
+        widen4_transposed(w.get(first..)?, inputs, outputs, tile)?;
+        dot_rows(tile, panels, quads, rows, acc.get_mut(first..)?, inputs)?;
+    }
+    Some(())
+}
+
+/// Where fours begin that cover `count`, the last one overlapping the one before where they do not come out even; one
+/// that is too long when there are fewer.
+fn fours(count: usize) -> impl Iterator<Item = usize> {
+    let last = count.saturating_sub(FOUR);
+    (0..count).step_by(FOUR).map(move |first| if first < last { first } else { last })
+}
+
+/// Packs `x [rows][width]` into panels where [`fours`] says; rows that are missing repeat the last, inputs are 0.
+fn pack(x: &[i16], rows: usize, width: usize, panels: &mut [i32]) -> Option<()> {
+    let (quads, rest) = (width / FOUR, width % FOUR);
+    let all = PANEL * width.div_ceil(FOUR);
+    for (first, panel) in fours(rows).zip(panels.chunks_exact_mut(all.max(1))) {
+        let row = |r: usize| {
+            let r = if first + r < rows { first + r } else { rows - 1 };
+            x.get(r * width..(r + 1) * width)
+        };
+        let four = [row(0)?, row(1)?, row(2)?, row(3)?];
+        pack4(four, quads, panel)?;
+        if rest > 0 {
+            let mut ends = [[0i16; FOUR]; FOUR];
+            for (end, row) in ends.iter_mut().zip(four) {
+                for (to, from) in end.iter_mut().zip(row.get(width - rest..)?) {
+                    *to = *from;
+                }
+            }
+            let [a, b, c, d] = &ends;
+            pack4([a, b, c, d], 1, panel.get_mut(PANEL * quads..)?)?;
+        }
+    }
+    if panels.len() < rows.div_ceil(FOUR) * all { None } else { Some(()) }
+}
+
+/// The four columns of `acc [rows][width]` that a wide tile makes.
+fn dot_rows(tile: &[i32], panels: &[i32], quads: usize, rows: usize, acc: &mut [i32], width: usize) -> Option<()> {
+    if rows < FOUR {
+        let mut sums = [0; FOUR * FOUR];
+        dot4_s16(tile, panels, quads, 1, &mut sums, FOUR)?;
+        for (acc, sums) in acc.chunks_mut(width.max(1)).zip(sums.as_chunks::<FOUR>().0).take(rows) {
+            *acc.first_chunk_mut()? = *sums;
+        }
+        return Some(());
+    }
+    let groups = rows / FOUR;
+    dot4_s16(tile, panels, quads, groups, acc, width)?;
+    if !rows.is_multiple_of(FOUR) {
+        let panel = panels.get(groups * PANEL * quads..)?;
+        dot4_s16(tile, panel, quads, 1, acc.get_mut((rows - FOUR) * width..)?, width)?;
+    }
+    Some(())
+}
+
+/// Four rows of `4 quads` inputs to a panel.
+fn pack4(rows: [&[i16]; FOUR], quads: usize, panel: &mut [i32]) -> Option<()> {
+    if panel.len() < PANEL * quads || rows.iter().any(|row| row.len() < FOUR * quads) {
+        return None;
+    }
+    if quads > 0 {
+        let rows = rows.map(<[i16]>::as_ptr);
+        // SAFETY: it reads 4 quads numbers of each row and writes 8 quads numbers, which are there.
+        unsafe { mtn_pack4(&raw const rows, panel.as_mut_ptr(), quads) };
+    }
+    Some(())
+}
+
+/// One row of `4 quads` inputs to half a panel.
+fn pack1(row: &[i16], quads: usize, panel: &mut [i32]) -> Option<()> {
+    if panel.len() < 2 * quads || row.len() < FOUR * quads || quads == 0 {
+        return None;
+    }
+    // SAFETY: it reads 4 quads numbers and writes 2 quads numbers, which are there.
+    unsafe { mtn_pack1(row.as_ptr(), panel.as_mut_ptr(), quads) };
+    Some(())
+}
+
+/// The first four channels of `w [..][inputs]`, `inputs = 4 quads`.
+fn widen4(w: &[i8], inputs: usize, quads: usize, tile: &mut [i32]) -> Option<()> {
+    if w.len() < FOUR * inputs || tile.len() < PANEL * quads || quads == 0 {
+        return None;
+    }
+    // SAFETY: it reads four rows of `inputs` weights and writes 8 quads numbers, which are there.
+    unsafe { mtn_widen4(w.as_ptr(), inputs, quads, tile.as_mut_ptr()) };
+    Some(())
+}
+
+/// The first four columns of `w [outputs][inputs]`, whose last row may be cut short behind them.
+fn widen4_transposed(w: &[i8], inputs: usize, outputs: usize, tile: &mut [i32]) -> Option<()> {
+    let (quads, rest) = (outputs / FOUR, outputs % FOUR);
+    if w.len() < (outputs - 1) * inputs + FOUR || tile.len() < PANEL * outputs.div_ceil(FOUR) {
+        return None;
+    }
+    if quads > 0 {
+        // SAFETY: it reads four weights of each of 4 quads rows and writes 8 quads numbers, which are there.
+        unsafe { mtn_widen4_transposed(w.as_ptr(), inputs, quads, tile.as_mut_ptr()) };
+    }
+    if rest > 0 {
+        let mut ends = [[0i8; FOUR]; FOUR];
+        for (end, row) in ends.iter_mut().zip(w.chunks(inputs.max(1)).skip(FOUR * quads)) {
+            *end = *row.first_chunk()?;
+        }
+        let tile = tile.get_mut(PANEL * quads..)?;
+        // SAFETY: it reads the 4 x 4 bytes of `ends` and writes eight numbers, which were asked for above.
+        unsafe { mtn_widen4_transposed(ends.as_ptr().cast(), FOUR, 1, tile.as_mut_ptr()) };
+    }
+    Some(())
+}
+
+/// `acc [4][outputs]` of a panel and `w [outputs][4 quads]`.
+fn dot4_s8(w: &[i8], panel: &[i32], quads: usize, outputs: usize, acc: &mut [i32]) -> Option<()> {
+    let fits = w.len() >= outputs * FOUR * quads && panel.len() >= PANEL * quads && acc.len() >= FOUR * outputs;
+    if !fits || quads == 0 || outputs == 0 {
+        return None;
+    }
+    // SAFETY: it reads so many weights and the panel, and writes four rows of `outputs` numbers, which are there.
+    unsafe { mtn_dot4_s8(w.as_ptr(), panel.as_ptr(), quads, acc.as_mut_ptr(), outputs, size_of::<i32>() * outputs) };
+    Some(())
+}
+
+/// Four columns of `acc [4 groups][width]`, which may end behind the last of them.
+fn dot4_s16(tile: &[i32], panels: &[i32], quads: usize, groups: usize, acc: &mut [i32], width: usize) -> Option<()> {
+    let fits = tile.len() >= PANEL * quads
+        && panels.len() >= groups * PANEL * quads
+        && acc.len() >= (FOUR * groups).saturating_sub(1) * width + FOUR;
+    if !fits || quads == 0 || groups == 0 {
+        return None;
+    }
+    let row_bytes = size_of::<i32>() * width;
+    // SAFETY: it reads the tile and the panels, and writes four numbers of each row, which are there.
+    unsafe { mtn_dot4_s16(tile.as_ptr(), panels.as_ptr(), quads, acc.as_mut_ptr(), groups, row_bytes) };
+    Some(())
+}
+
+/// `acc [outputs]`, an even number, of a packed row and `w [outputs][4 quads]`, words.
+fn dot1_s8(w: &[i8], row: &[i32], quads: usize, acc: &mut [i32]) -> Option<()> {
+    let (outputs, inputs) = (acc.len(), FOUR * quads);
+    let fits = w.len() >= outputs * inputs && row.len() >= 2 * quads && outputs.is_multiple_of(2);
+    // It loads two quads at a time, as words.
+    if !fits || !quads.is_multiple_of(2) || quads == 0 || !w.as_ptr().addr().is_multiple_of(FOUR) {
+        return None;
+    }
+    if outputs > 0 {
+        // SAFETY: it reads so many weights and the row, and writes `outputs` numbers, which are there.
+        unsafe { mtn_dot1_s8(w.as_ptr(), row.as_ptr(), quads, acc.as_mut_ptr(), outputs / 2, inputs) };
+    }
+    Some(())
+}

@@ -1,0 +1,12 @@
+//! Cortex-M: the DSP extension's two multiply-accumulates an instruction, or MVE's eight.
+#![allow(unsafe_code)]
+
+#[cfg(kernels = "dsp")]
+mod dsp;
+#[cfg(kernels = "mve")]
+mod mve;
+
+#[cfg(kernels = "dsp")]
+pub use dsp::{linear_s16s8, linear_transposed_s16s8};
+#[cfg(kernels = "mve")]
+pub use mve::{linear_s16s8, linear_transposed_s16s8};

@@ -1,0 +1,150 @@
+//! The one runner that compares kernels with the portable ones, on any machine: shapes and their remainders, extreme values,
+//! odd addresses, buffers that are too long or too short.
+
+use super::{portable, room};
+use crate::hash::Stream;
+
+/// A kernel: rows, weights, inputs, outputs, accumulators.
+pub type Kernel = fn(&[i16], &[i8], usize, usize, &mut [i32]);
+
+/// A variant of both kernels.
+#[derive(Debug, Clone, Copy)]
+pub struct Variant {
+    /// Of [`super::linear_s16s8`].
+    pub linear: Kernel,
+    /// Of [`super::linear_transposed_s16s8`].
+    pub transposed: Kernel,
+}
+
+/// What this target runs.
+pub const CHOSEN: Variant = Variant { linear: super::linear_s16s8, transposed: super::linear_transposed_s16s8 };
+/// The specification.
+pub const PORTABLE: Variant = Variant { linear: portable::linear_s16s8, transposed: portable::linear_transposed_s16s8 };
+
+const ROWS: [usize; 12] = [0, 1, 2, 3, 4, 5, 7, 11, 12, 13, 16, 19];
+const INPUTS: [usize; 19] = [0, 1, 2, 3, 4, 7, 8, 12, 15, 16, 17, 31, 32, 33, 36, 64, 65, 96, 129];
+const OUTPUTS: [usize; 10] = [0, 1, 2, 3, 4, 5, 8, 17, 33, 67];
+const WIDEST: usize = 129;
+/// Elements of a buffer that a case leaves before or behind.
+const SLACK: usize = 4;
+const LONGEST: usize = 19 * WIDEST + 2 * SLACK;
+const HEAVIEST: usize = 67 * WIDEST + 2 * SLACK;
+/// What accumulators hold before.
+const UNTOUCHED: i32 = -77;
+
+/// Memory of [`run`].
+#[derive(Debug)]
+pub struct Buffers {
+    x: [i16; LONGEST],
+    w: [i8; HEAVIEST],
+    want: [i32; LONGEST + room(19, WIDEST)],
+    got: [i32; LONGEST + room(19, WIDEST)],
+}
+
+impl Buffers {
+    /// All zeros.
+    #[must_use]
+    pub const fn new() -> Self {
+        Buffers {
+            x: [0; LONGEST],
+            w: [0; HEAVIEST],
+            want: [0; LONGEST + room(19, WIDEST)],
+            got: [0; LONGEST + room(19, WIDEST)],
+        }
+    }
+}
+
+impl Default for Buffers {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// How numbers are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Values {
+    /// All of their range.
+    Random,
+    /// Only the ends of both ranges: sums wrap, which the specification does as well.
+    Extreme,
+}
+
+/// The case in which a variant differs from the portable kernel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mismatch {
+    /// True of the transposed kernel.
+    pub transposed: bool,
+    /// Rows, inputs, outputs.
+    pub shape: [usize; 3],
+    /// How numbers were drawn.
+    pub values: Values,
+    /// Elements by which all buffers were off their alignment.
+    pub skew: usize,
+    /// Elements that the rows and the weights were longer than they need be; negative: shorter.
+    pub extra: isize,
+    /// Whether there was [`room`] behind the accumulators.
+    pub roomy: bool,
+}
+
+/// Compares `variant` with the portable kernels; returns the number of cases.
+///
+/// # Errors
+/// The first [`Mismatch`].
+pub fn run(variant: &Variant, buffers: &mut Buffers) -> Result<u32, Mismatch> {
+    let mut cases = 0;
+    for (rows, inputs, outputs) in shapes() {
+        for transposed in [false, true] {
+            for values in [Values::Random, Values::Extreme] {
+                for (skew, extra, roomy) in [(0, 0, true), (1, 0, true), (3, 1, false), (0, -1, true)] {
+                    let case = Mismatch { transposed, shape: [rows, inputs, outputs], values, skew, extra, roomy };
+                    if !agrees(variant, &case, buffers) {
+                        return Err(case);
+                    }
+                    cases += 1;
+                }
+            }
+        }
+    }
+    Ok(cases)
+}
+
+fn shapes() -> impl Iterator<Item = (usize, usize, usize)> {
+    let each = |rows| INPUTS.into_iter().flat_map(move |k| OUTPUTS.into_iter().map(move |n| (rows, k, n)));
+    ROWS.into_iter().flat_map(each)
+}
+
+/// True when the accumulators are those of the portable kernel.
+fn agrees(variant: &Variant, case: &Mismatch, buffers: &mut Buffers) -> bool {
+    let [rows, inputs, outputs] = case.shape;
+    let (from, to) = if case.transposed { (outputs, inputs) } else { (inputs, outputs) };
+    let (kernel, portable) =
+        if case.transposed { (variant.transposed, PORTABLE.transposed) } else { (variant.linear, PORTABLE.linear) };
+    let mut stream = Stream::new((rows * 131 + inputs * 17 + outputs) as u64);
+    let mut number = || match case.values {
+        Values::Random => stream.below(1 << 16) as i16,
+        Values::Extreme => [i16::MIN, i16::MAX, -128, 0x7F].get(stream.below(4) as usize).copied().unwrap_or(0),
+    };
+    let behind = if case.roomy { room(rows, from) } else { 0 };
+    let lent = case.skew..case.skew + rows * to + behind;
+    buffers.x.iter_mut().take(rows * from + SLACK).for_each(|x| *x = number());
+    buffers.w.iter_mut().take(inputs * outputs + SLACK).for_each(|w| *w = number() as i8);
+    for sums in [&mut buffers.want, &mut buffers.got] {
+        sums.iter_mut().take(lent.end + SLACK).for_each(|sum| *sum = UNTOUCHED);
+    }
+    let part = |whole: usize| case.skew..case.skew + whole.saturating_add_signed(case.extra);
+    let (Some(x), Some(w)) = (buffers.x.get(part(rows * from)), buffers.w.get(part(inputs * outputs))) else {
+        return false;
+    };
+    let (Some(want), Some(got)) = (buffers.want.get_mut(lent.clone()), buffers.got.get_mut(lent.clone())) else {
+        return false;
+    };
+    portable(x, w, inputs, outputs, want);
+    kernel(x, w, inputs, outputs, got);
+    // A short row of x has no sums; what is behind the others belongs to the kernel.
+    let whole = x.len().checked_div(from).unwrap_or(0).min(rows) * to;
+    // Nothing may have changed before and behind what was lent.
+    let outside = buffers.got.iter().take(lent.end + SLACK).enumerate();
+    let intact = outside.into_iter().all(|(i, sum)| lent.contains(&i) || *sum == UNTOUCHED);
+    let sums = case.skew..case.skew + whole;
+    intact && buffers.want.get(sums.clone()) == buffers.got.get(sums)
+}
