@@ -17,9 +17,10 @@ fn main() {
     let target = env::var("TARGET").expect("cargo sets TARGET");
     let memory = match target.as_str() {
         "thumbv7em-none-eabihf" => "memory/m4-m7.x",
+        "thumbv8m.main-none-eabihf" if env::var_os("CARGO_FEATURE_MVE").is_some() => "memory/m55.x",
         "thumbv8m.main-none-eabihf" => "memory/m33.x",
         other => panic!(
-            "no memory map for {other}: build for thumbv7em-none-eabihf (M4F, M7) or thumbv8m.main-none-eabihf (M33)"
+            "no memory map for {other}: build for thumbv7em-none-eabihf (M4F, M7) or thumbv8m.main-none-eabihf (M33; M55 with the feature `mve`)"
         ),
     };
     let blob_section = "memory/blob.x";
