@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 
 use crate::{
     shell,
-    toolchain::{THUMB_V7, THUMB_V8, Toolchain},
+    toolchain::{RISCV, THUMB_V6, THUMB_V7, THUMB_V8, Toolchain},
 };
 
 /// ELF files of one target.
@@ -56,7 +56,16 @@ pub fn image_cargo(toolchain: Toolchain, subcommand: &str, target: &str, image: 
     cargo
 }
 
-/// Builds the images for the Cortex-M4F and M7 (one target) and the Cortex-M33, and prints where they are.
+/// Compiles the runtime for a core without floating-point unit; nothing is linked or run.
+fn build_runtime(toolchain: Toolchain, target: &str) -> Result<()> {
+    let mut cargo = toolchain.cargo("build", target);
+    cargo.args(["--release", "--package", "motionette", "--target-dir"]);
+    cargo.arg(package().join("target").join(toolchain.name())).current_dir(shell::root());
+    shell::run(&mut cargo)
+}
+
+/// Builds the images for the Cortex-M4F and M7 (one target) and the Cortex-M33, prints where they are, and compiles the
+/// runtime for cores without floating-point unit.
 ///
 /// # Errors
 /// When no compiler for the targets can be had, a build fails, or a panic is reachable in the runtime.
@@ -66,6 +75,10 @@ pub fn build_all() -> Result<()> {
         refuse_panics(toolchain, target)?;
         let images = build(toolchain, target, None)?;
         println!("{core}: {} and {}", relative(&images.twin), relative(&images.check));
+    }
+    for (core, target) in [("Cortex-M0, M0+", THUMB_V6), ("RISC-V without FPU", RISCV)] {
+        build_runtime(toolchain, target)?;
+        println!("{core}: the runtime compiles");
     }
     Ok(())
 }

@@ -19,6 +19,12 @@ use crate::{
 pub const THUMB_V7: &str = "thumbv7em-none-eabihf";
 /// Target of the Cortex-M33.
 pub const THUMB_V8: &str = "thumbv8m.main-none-eabihf";
+/// Target of the Cortex-M0 and M0+: no floating-point unit, no compare-and-swap.
+pub const THUMB_V6: &str = "thumbv6m-none-eabi";
+/// Target of RISC-V microcontrollers without a floating-point unit, such as the ESP32-C6.
+pub const RISCV: &str = "riscv32imac-unknown-none-elf";
+/// All of them.
+pub const TARGETS: [&str; 4] = [THUMB_V7, THUMB_V8, THUMB_V6, RISCV];
 
 const DEBIAN_PACKAGES: [&str; 5] = ["rustc-web", "cargo-web", "rust-web-src", "rust-web-clippy", "lld"];
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
@@ -47,7 +53,8 @@ impl Toolchain {
             Some("native") if native() => Ok(Self::Native),
             Some("debian") => debian(),
             Some("native") | None => bail!(
-                "the bare-metal targets are missing. With rustup (https://rustup.rs) run:\n  rustup target add {THUMB_V7} {THUMB_V8}"
+                "the bare-metal targets are missing. With rustup (https://rustup.rs) run:\n  rustup target add {}",
+                TARGETS.join(" ")
             ),
             Some(other) => bail!("MOTIONETTE_TOOLCHAIN is `{other}`: it may be `native` or `debian`"),
         }
@@ -95,16 +102,16 @@ fn has_target(target: &str) -> bool {
 }
 
 fn native() -> bool {
-    let complete = || has_target(THUMB_V7) && has_target(THUMB_V8);
+    let complete = || TARGETS.into_iter().all(has_target);
     if complete() {
         return true;
     }
     if find("rustup").is_none() {
         return false;
     }
-    announce(&format!("adding rustup targets {THUMB_V7} and {THUMB_V8}"));
+    announce(&format!("adding rustup targets {}", TARGETS.join(" ")));
     let mut rustup = Command::new("rustup");
-    rustup.args(["target", "add", THUMB_V7, THUMB_V8]).current_dir(shell::root());
+    rustup.args(["target", "add"]).args(TARGETS).current_dir(shell::root());
     match shell::run(&mut rustup) {
         Ok(()) => complete(),
         Err(error) => {
