@@ -1,0 +1,464 @@
+// motionette: motion generation on microcontrollers, as a C library. C99, needs no libc and no heap.
+//
+// Made from bindings/c/src by `cargo xtask c --write-header`; do not edit.
+//
+// Lengths are metres, y is up; a motion starts with the pelvis at x = z = 0, facing +z, the
+// body's left is +x. A frame is one of `frame_rate` (20) a second.
+//
+// Memory: the caller owns all of it. Blob, arena, model and generator must stay where they are for as long as the model
+// or generator is used; the library keeps pointers to them, never frees, and has no state of its own.
+// Threads: one object is used by one thread at a time; different generators may run at once, also of one blob.
+// Interrupts: nothing here masks them, nothing here is for use inside them.
+// Floating point: round to nearest, subnormal numbers and NaN payloads on (FPSCR as after reset on Cortex-M).
+
+#ifndef MOTIONETTE_H
+#define MOTIONETTE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+// Words of `mtn_model`'s storage.
+#define MTN_MODEL_WORDS 496
+
+// Joints of the body skeleton.
+#define MTN_JOINTS 22
+
+// Most anchors of a request.
+#define MTN_MAX_ANCHORS 32
+
+// Words of `mtn_generator`'s storage.
+#define MTN_GENERATOR_WORDS 496
+
+// The token that adds nothing, in any layer.
+#define Codebooks_NONE UINT16_MAX
+
+// Numbers that [`Scaffold::new`] needs.
+#define Scaffold_NUMBERS (3 * MAX_ANCHORS)
+
+// What went wrong. The numbers of `mtn_result` that a code sets stand beside it; the others are 0.
+enum mtn_error
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : int32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    // Nothing.
+    MTN_ERROR_NONE = 0,
+    // A pointer is null. `index`: the argument, from 0; pointers inside a request count as it.
+    MTN_ERROR_NULL_POINTER = 1,
+    // A pointer is not aligned. `index`: the argument; `found`: its remainder; `limit`: alignment, bytes.
+    MTN_ERROR_MISALIGNED = 2,
+    // A length runs over the end of the address space. `index`: the argument; `found`: the length.
+    MTN_ERROR_LENGTH = 3,
+    // Model or generator was never opened, could not be opened, or is a copy. `index`: the argument.
+    MTN_ERROR_NOT_OPENED = 4,
+    // The generator is at work: a callback used it. `index`: the argument.
+    MTN_ERROR_BUSY = 5,
+    // The blob does not begin on a 16-byte boundary. `found`: remainder; `limit`: 16.
+    MTN_ERROR_BLOB_MISALIGNED = 10,
+    // Too few bytes: the blob was cut short. `found`: bytes there are; `limit`: bytes needed.
+    MTN_ERROR_BLOB_TRUNCATED = 11,
+    // This is no blob. `found`: its first four bytes; `limit`: those of a blob, both read as little-endian numbers.
+    MTN_ERROR_NOT_A_BLOB = 12,
+    // Another format version: convert the model again. `found`: its major version; `limit`: the one that is
+    // understood.
+    MTN_ERROR_BLOB_VERSION = 13,
+    // Lengths in the header contradict each other.
+    MTN_ERROR_BLOB_HEADER = 14,
+    // The blob was damaged. `found`: CRC-32 of its bytes; `limit`: the one it should have.
+    MTN_ERROR_BLOB_CHECKSUM = 15,
+    // The manifest cannot be read.
+    MTN_ERROR_BLOB_MANIFEST = 16,
+    // A configuration value is not supported; `motionette inspect` on the desk says which. `found`: the value (its
+    // bits, where it is no whole number); `limit`: the largest allowed.
+    MTN_ERROR_BLOB_CONFIG = 17,
+    // A tensor is missing, or has a wrong place, shape or value. `index`: the tensor; `found` and `limit`: its
+    // elements and how many there should be, where the shape is wrong.
+    MTN_ERROR_BLOB_TENSOR = 18,
+    // The weights could overflow. `index`: the tensor.
+    MTN_ERROR_BLOB_UNBOUNDED = 19,
+    // The arena is too small. `found`: bytes from its first 16-byte boundary; `limit`: bytes the request needs.
+    MTN_ERROR_ARENA_TOO_SMALL = 30,
+    // Floating point is not in its default state: rounding mode, flush-to-zero or default-NaN bits are set.
+    MTN_ERROR_FLOATING_POINT = 31,
+    // A request has either a text, or a stored prompt, or tokens. `found`: how many of them are set; `limit`: 1.
+    MTN_ERROR_SOURCE = 32,
+    // No tokens, too many, or numbers that are no whole tokens. `found`: how many; `limit`: most tokens of the
+    // model.
+    MTN_ERROR_TOKEN_COUNT = 33,
+    // A token that the codebook does not have. `index`: its place; `found`: the token; `limit`: codes there are.
+    MTN_ERROR_TOKEN_OUT_OF_RANGE = 34,
+    // The progress callback asked to abort.
+    MTN_ERROR_ABORTED = 35,
+    // The model has no planner: it makes no motion from text.
+    MTN_ERROR_NO_PLANNER = 40,
+    // The model has no text encoder, only stored prompts. `found`: how many.
+    MTN_ERROR_NO_TEXT_ENCODER = 41,
+    // The prompt is not UTF-8. `index`: the first byte that is wrong.
+    MTN_ERROR_PROMPT_NOT_UTF8 = 42,
+    // The prompt has no words.
+    MTN_ERROR_PROMPT_EMPTY = 43,
+    // The prompt has too many bytes. `limit`: how many are read.
+    MTN_ERROR_PROMPT_TOO_LONG = 44,
+    // The prompt has too many words. `found`: how many; `limit`: most the model takes.
+    MTN_ERROR_PROMPT_TOO_MANY_WORDS = 45,
+    // The model knows none of the words. `found`: how many there are.
+    MTN_ERROR_PROMPT_UNKNOWN_WORDS = 46,
+    // The model stores no prompt of that name. `found`: prompts it stores.
+    MTN_ERROR_PROMPT_NOT_STORED = 47,
+    // The motion is too long. `found`: tokens asked for (4 frames each); `limit`: most the model allows.
+    MTN_ERROR_MOTION_LENGTH = 48,
+    // No planner steps, or too many. `found`: steps; `limit`: most there may be.
+    MTN_ERROR_STEPS = 49,
+    // Guidance is not a number from 0 to 100.
+    MTN_ERROR_GUIDANCE = 50,
+    // Too many anchors. `found`: how many; `limit`: most there may be.
+    MTN_ERROR_TOO_MANY_ANCHORS = 60,
+    // `index`: the anchor; `found`: its family, which is none of `MTN_FAMILY_*`.
+    MTN_ERROR_UNKNOWN_FAMILY = 61,
+    // An anchor lies behind the end of the motion. `index`: the anchor; `found`: its frame; `limit`: frames of the
+    // motion.
+    MTN_ERROR_ANCHOR_FRAME = 62,
+    // There is no such joint. `index`: the anchor; `found`: its joint; `limit`: joints there are.
+    MTN_ERROR_ANCHOR_JOINT = 63,
+    // A coordinate is NaN or infinite. `index`: the anchor.
+    MTN_ERROR_ANCHOR_NOT_FINITE = 64,
+    // A coordinate is too large. `index`: the anchor; `limit`: largest magnitude, metres.
+    MTN_ERROR_ANCHOR_TOO_FAR = 65,
+    // Two anchors want one joint in two places at one frame. `index`: the second; `found`: the first.
+    MTN_ERROR_ANCHOR_CONFLICT = 66,
+    // Too many tokens to be refined. `found`: tokens; `limit`: most the refinement takes.
+    MTN_ERROR_REFINEMENT_LENGTH = 67,
+    // The refinement met numbers that are not finite.
+    MTN_ERROR_REFINEMENT_NOT_FINITE = 68,
+    // This machine computes other bits than the one that wrote the blob.
+    MTN_ERROR_SELF_TEST_FAILED = 80,
+    // The blob carries no self-test.
+    MTN_ERROR_NO_SELF_TEST = 81,
+    // Something that this version has no code for.
+    MTN_ERROR_OTHER = 99,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum mtn_error mtn_error;
+#else
+typedef int32_t mtn_error;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+// A stage of the work.
+enum mtn_stage
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    // Reading the prompt.
+    MTN_STAGE_READING,
+    // Planning tokens.
+    MTN_STAGE_PLANNING,
+    // Bending the motion onto its anchors.
+    MTN_STAGE_REFINING,
+    // Decoding the final motion.
+    MTN_STAGE_DECODING,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum mtn_stage mtn_stage;
+#else
+typedef uint32_t mtn_stage;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+// A joint of the body skeleton; its number is that of the SMPL order.
+enum mtn_joint
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint8_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    MTN_JOINT_PELVIS = 0,
+    MTN_JOINT_LEFT_HIP = 1,
+    MTN_JOINT_RIGHT_HIP = 2,
+    MTN_JOINT_SPINE1 = 3,
+    MTN_JOINT_LEFT_KNEE = 4,
+    MTN_JOINT_RIGHT_KNEE = 5,
+    MTN_JOINT_SPINE2 = 6,
+    MTN_JOINT_LEFT_ANKLE = 7,
+    MTN_JOINT_RIGHT_ANKLE = 8,
+    MTN_JOINT_SPINE3 = 9,
+    MTN_JOINT_LEFT_FOOT = 10,
+    MTN_JOINT_RIGHT_FOOT = 11,
+    MTN_JOINT_NECK = 12,
+    MTN_JOINT_LEFT_COLLAR = 13,
+    MTN_JOINT_RIGHT_COLLAR = 14,
+    MTN_JOINT_HEAD = 15,
+    MTN_JOINT_LEFT_SHOULDER = 16,
+    MTN_JOINT_RIGHT_SHOULDER = 17,
+    MTN_JOINT_LEFT_ELBOW = 18,
+    MTN_JOINT_RIGHT_ELBOW = 19,
+    MTN_JOINT_LEFT_WRIST = 20,
+    MTN_JOINT_RIGHT_WRIST = 21,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum mtn_joint mtn_joint;
+#else
+typedef uint8_t mtn_joint;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+// Relative strengths of the roads from a token to an anchor. Only ratios matter.
+typedef struct Prior Prior;
+
+// An error and the numbers that explain it.
+typedef struct mtn_result {
+    // What went wrong; 0: nothing.
+    mtn_error error;
+    // Which one, counted from 0.
+    uint32_t index;
+    // What was found.
+    uint32_t found;
+    // What is allowed or needed.
+    uint32_t limit;
+} mtn_result;
+
+// An opened blob. Opaque: give it zeroed storage (a `static` is), call `mtn_model_open`, and do not copy it.
+typedef struct mtn_model {
+    // Not for use: makes the alignment that of 64-bit numbers.
+    uint64_t reserved;
+    // Not for use.
+    size_t opaque[MTN_MODEL_WORDS];
+} mtn_model;
+
+// Largest request that is to be served.
+typedef struct mtn_limits {
+    // Frames of the motion; 0: the longest motion of the model, as a request of predicted length needs it.
+    size_t frames;
+    // Words of the prompt; 0: the tokens are given.
+    size_t words;
+    // Anchors, at most `MTN_MAX_ANCHORS`.
+    size_t anchors;
+    // Planner steps; not looked at without words.
+    uint16_t steps;
+    // Decoder evaluations of the refinement; 0: anchors are for the planner only.
+    uint16_t evaluations;
+    // Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
+    float guidance;
+} mtn_limits;
+
+// Memory and work of the largest request inside some limits.
+typedef struct mtn_plan {
+    // Bytes of arena, from a 16-byte boundary, exactly. An arena that begins elsewhere needs up to 15 more.
+    size_t arena_bytes;
+    // Multiply-accumulates at most, in all.
+    uint64_t macs;
+    // Of these, multiply-accumulates of reading the prompt and planning tokens.
+    uint64_t planning_macs;
+    // Of these, multiply-accumulates of the final decoding; what is left is refinement.
+    uint64_t decoding_macs;
+    // Decoder evaluations at most, the final one included.
+    uint32_t evaluations;
+    // Decoder gradients at most.
+    uint32_t gradients;
+} mtn_plan;
+
+// What an anchor holds: one of `MTN_FAMILY_*`.
+typedef uint8_t mtn_family;
+
+// Part of the body, time and place that the motion must pass through.
+typedef struct mtn_anchor {
+    // Wanted position `[x, y, z]`, metres.
+    float position[3];
+    // Frame at which it must be met, 0 is the first.
+    uint16_t frame;
+    // What is to be there.
+    mtn_family family;
+    // Which `mtn_joint`, for `MTN_FAMILY_JOINT`; otherwise not looked at.
+    uint8_t joint;
+} mtn_anchor;
+
+// One motion to be made: begin with `mtn_request_default`, then set one of `text`, `stored` and `tokens`.
+//
+// The library reads what is pointed to during `mtn_generate` only.
+typedef struct mtn_request {
+    // Prompt, UTF-8, at most 4096 bytes and a zero behind them; or null.
+    const char *text;
+    // Name of a prompt that the blob stores, likewise; or null.
+    const char *stored;
+    // Motion tokens `[L][Q]` for the model's Q quantizers (4 frames a token), instead of a prompt; or null.
+    const uint16_t *tokens;
+    // Numbers in `tokens`.
+    size_t token_count;
+    // Anchors in any order; may be null when there are none.
+    const struct mtn_anchor *anchors;
+    // Anchors, at most `MTN_MAX_ANCHORS`.
+    size_t anchor_count;
+    // Seed of the planner; the same request, seed and blob give the same bits on every machine.
+    uint64_t seed;
+    // Weight of text and anchors in the planner, 0 to 100; 1 is off and halves its work.
+    float guidance;
+    // Length, taken to the next whole token; 0: what the text suggests. Of no account for tokens.
+    uint16_t frames;
+    // Planner steps, 1 to 1000.
+    uint16_t steps;
+    // Decoder evaluations of the refinement onto the anchors; 0: anchors are for the planner only.
+    uint16_t evaluations;
+    // Not 0: the planner does not see the anchors, they only refine.
+    uint16_t unconditioned;
+} mtn_request;
+
+// Makes motions of one model in one arena. Opaque: give it zeroed storage (a `static` is), call
+// `mtn_generator_open`, and do not copy it.
+typedef struct mtn_generator {
+    // Not for use: makes the alignment that of 64-bit numbers.
+    uint64_t reserved;
+    // Not for use.
+    size_t opaque[MTN_GENERATOR_WORDS];
+} mtn_generator;
+
+// What a progress callback wants: one of `MTN_FLOW_*`.
+typedef uint32_t mtn_flow;
+
+// How far the work is.
+typedef struct mtn_progress {
+    // The stage.
+    mtn_stage stage;
+    // Decoder evaluations begun in this stage; when planning, steps.
+    uint16_t evaluation;
+    // Decoder evaluations, or steps, this stage may take.
+    uint16_t evaluations;
+    // Mean distance from the anchors of the evaluation that has just been completed, metres; negative in all other
+    // calls.
+    float control_error;
+} mtn_progress;
+
+// Called at every layer boundary, hundreds of times a motion. `context` is what `mtn_generate` was given;
+// `progress` is valid during the call only. It may take its time, but neither leave by `longjmp` nor use the same
+// generator.
+typedef mtn_flow (*mtn_progress_fn)(void *context, const struct mtn_progress *progress);
+
+// A finished motion. Its arrays lie in the generator's arena, until the generator is used again.
+typedef struct mtn_motion {
+    // Joint positions `[frames][22][3]`, metres: `joints[frame][MTN_JOINT_HEAD][1]` is the head's height.
+    const float (*joints)[MTN_JOINTS][3];
+    // Frames.
+    size_t frames;
+    // Tokens `[L][Q]` the motion was decoded from, before refinement.
+    const uint16_t *tokens;
+    // Numbers in `tokens`.
+    size_t token_count;
+    // Token embeddings `[L][du]` it was decoded from, refinement included.
+    const float *embeddings;
+    // Numbers in `embeddings`.
+    size_t embedding_count;
+    // Bytes of arena that were taken.
+    size_t arena_used;
+    // Mean distance from the anchors before refinement, metres; negative when it was not measured.
+    float control_error_before;
+    // The same after it.
+    float control_error;
+    // Largest distance from an anchor after it, metres; negative when it was not measured.
+    float worst_error;
+    // The anchor it is from, counted from 0.
+    uint16_t worst_anchor;
+    // Decoder evaluations of the refinement.
+    uint16_t evaluations;
+    // Frames a second.
+    uint16_t frame_rate;
+    // Words of the prompt.
+    uint16_t words;
+    // Of these, words that the model does not know.
+    uint16_t unknown_words;
+    // Anchors that the planner did not see.
+    uint16_t unconditioned_anchors;
+} mtn_motion;
+
+// The pelvis at `[x, y, z]`.
+#define MTN_FAMILY_ROOT3D 0
+
+// The pelvis above `[x, _, z]`, its height free.
+#define MTN_FAMILY_PLANAR 1
+
+// A joint at `[x, y, z]`.
+#define MTN_FAMILY_JOINT 2
+
+// Go on.
+#define MTN_FLOW_CONTINUE 0
+
+// Finish with the best so far: refinement ends, the motion is decoded and returned; planning ends with its last
+// proposals.
+#define MTN_FLOW_FINISH 1
+
+// Stop at once, no motion. Any other number counts as this.
+#define MTN_FLOW_ABORT 2
+
+
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+// One sentence about an error code, in English, static, zero-terminated. Any number is allowed.
+const char *mtn_error_message(int32_t error);
+
+// Opens a blob: checks header, checksum, manifest and every tensor, once. About one pass over its bytes.
+//
+// `blob`: `blob_bytes` bytes from a 16-byte boundary, read in place (flash will do); bytes behind the blob are
+// ignored. They must not change or go away while `model`, or a generator of it, is in use.
+//
+// # Safety
+// `model` is storage for one `mtn_model`; `blob` points to `blob_bytes` readable bytes.
+struct mtn_result mtn_model_open(struct mtn_model *model, const void *blob, size_t blob_bytes);
+
+// Says what the largest request inside `limits` will need: bytes of arena, exactly, and multiply-accumulates at
+// most.
+//
+// # Safety
+// `model` is zeroed storage or one that `mtn_model_open` was called with; `limits` and `plan` are valid.
+struct mtn_result mtn_model_plan(const struct mtn_model *model, const struct mtn_limits *limits, struct mtn_plan *plan);
+
+// A request for nothing yet: ten steps, guidance 2, 20 evaluations, seed 0, the length that the text suggests.
+struct mtn_request mtn_request_default(void);
+
+// Makes a generator of `model` that works in `arena` and nowhere else.
+//
+// The generator has its own copy of the model's state: `model` may be used for something else afterwards, the blob
+// may not. `arena`: `arena_bytes` bytes with any content, for this generator alone; how many, `mtn_model_plan` says.
+//
+// # Safety
+// `generator` is storage for one `mtn_generator`; `model` is zeroed storage or one that `mtn_model_open` was called
+// with; `arena` points to `arena_bytes` bytes.
+struct mtn_result mtn_generator_open(struct mtn_generator *generator,
+                                     const struct mtn_model *model,
+                                     void *arena,
+                                     size_t arena_bytes);
+
+// Makes the motion of `request`. `progress` may be null; `context` is handed to it. On an error `motion` is left
+// alone and the generator can be used again at once.
+//
+// # Safety
+// `generator` is zeroed storage or one that `mtn_generator_open` was called with, used by one thread at a time;
+// `request` and all it points to are readable; `motion` is room for one `mtn_motion`.
+struct mtn_result mtn_generate(struct mtn_generator *generator,
+                               const struct mtn_request *request,
+                               mtn_progress_fn progress,
+                               void *context,
+                               struct mtn_motion *motion);
+
+// Runs the self-test that the blob carries: decodes a motion and compares its hash, to prove that this machine
+// computes the same bits as the one that wrote the blob. `MTN_ERROR_SELF_TEST_FAILED` when not,
+// `MTN_ERROR_NO_SELF_TEST` without one.
+//
+// # Safety
+// As of `mtn_generate`.
+struct mtn_result mtn_self_test(struct mtn_generator *generator);
+
+// Hash over every bit of embeddings and joints, into `hash`: equal on every machine for the same request and blob.
+//
+// # Safety
+// `motion` came from `mtn_generate` and its generator has not been used since; `hash` is room for a number.
+struct mtn_result mtn_motion_hash(const struct mtn_motion *motion, uint64_t *hash);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* MOTIONETTE_H */

@@ -1,0 +1,337 @@
+//! Results: an error code, the numbers that explain it, and a sentence for each.
+
+use core::ffi::{CStr, c_char};
+
+use motionette::perception::anchors::AnchorError;
+use motionette::perception::prompt::PromptError;
+use motionette::planning::PlanningError;
+use motionette::refining::SolverError;
+use motionette::{Error, blob};
+
+use crate::pointer::clamped;
+
+/// What went wrong. The numbers of `mtn_result` that a code sets stand beside it; the others are 0.
+#[repr(i32)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum mtn_error {
+    /// Nothing.
+    None = 0,
+    /// A pointer is null. `index`: the argument, from 0; pointers inside a request count as it.
+    NullPointer = 1,
+    /// A pointer is not aligned. `index`: the argument; `found`: its remainder; `limit`: alignment, bytes.
+    Misaligned = 2,
+    /// A length runs over the end of the address space. `index`: the argument; `found`: the length.
+    Length = 3,
+    /// Model or generator was never opened, could not be opened, or is a copy. `index`: the argument.
+    NotOpened = 4,
+    /// The generator is at work: a callback used it. `index`: the argument.
+    Busy = 5,
+
+    /// The blob does not begin on a 16-byte boundary. `found`: remainder; `limit`: 16.
+    BlobMisaligned = 10,
+    /// Too few bytes: the blob was cut short. `found`: bytes there are; `limit`: bytes needed.
+    BlobTruncated = 11,
+    /// This is no blob. `found`: its first four bytes; `limit`: those of a blob, both read as little-endian numbers.
+    NotABlob = 12,
+    /// Another format version: convert the model again. `found`: its major version; `limit`: the one that is
+    /// understood.
+    BlobVersion = 13,
+    /// Lengths in the header contradict each other.
+    BlobHeader = 14,
+    /// The blob was damaged. `found`: CRC-32 of its bytes; `limit`: the one it should have.
+    BlobChecksum = 15,
+    /// The manifest cannot be read.
+    BlobManifest = 16,
+    /// A configuration value is not supported; `motionette inspect` on the desk says which. `found`: the value (its
+    /// bits, where it is no whole number); `limit`: the largest allowed.
+    BlobConfig = 17,
+    /// A tensor is missing, or has a wrong place, shape or value. `index`: the tensor; `found` and `limit`: its
+    /// elements and how many there should be, where the shape is wrong.
+    BlobTensor = 18,
+    /// The weights could overflow. `index`: the tensor.
+    BlobUnbounded = 19,
+
+    /// The arena is too small. `found`: bytes from its first 16-byte boundary; `limit`: bytes the request needs.
+    ArenaTooSmall = 30,
+    /// Floating point is not in its default state: rounding mode, flush-to-zero or default-NaN bits are set.
+    FloatingPoint = 31,
+    /// A request has either a text, or a stored prompt, or tokens. `found`: how many of them are set; `limit`: 1.
+    Source = 32,
+    /// No tokens, too many, or numbers that are no whole tokens. `found`: how many; `limit`: most tokens of the
+    /// model.
+    TokenCount = 33,
+    /// A token that the codebook does not have. `index`: its place; `found`: the token; `limit`: codes there are.
+    TokenOutOfRange = 34,
+    /// The progress callback asked to abort.
+    Aborted = 35,
+
+    /// The model has no planner: it makes no motion from text.
+    NoPlanner = 40,
+    /// The model has no text encoder, only stored prompts. `found`: how many.
+    NoTextEncoder = 41,
+    /// The prompt is not UTF-8. `index`: the first byte that is wrong.
+    PromptNotUtf8 = 42,
+    /// The prompt has no words.
+    PromptEmpty = 43,
+    /// The prompt has too many bytes. `limit`: how many are read.
+    PromptTooLong = 44,
+    /// The prompt has too many words. `found`: how many; `limit`: most the model takes.
+    PromptTooManyWords = 45,
+    /// The model knows none of the words. `found`: how many there are.
+    PromptUnknownWords = 46,
+    /// The model stores no prompt of that name. `found`: prompts it stores.
+    PromptNotStored = 47,
+    /// The motion is too long. `found`: tokens asked for (4 frames each); `limit`: most the model allows.
+    MotionLength = 48,
+    /// No planner steps, or too many. `found`: steps; `limit`: most there may be.
+    Steps = 49,
+    /// Guidance is not a number from 0 to 100.
+    Guidance = 50,
+
+    /// Too many anchors. `found`: how many; `limit`: most there may be.
+    TooManyAnchors = 60,
+    /// `index`: the anchor; `found`: its family, which is none of `MTN_FAMILY_*`.
+    UnknownFamily = 61,
+    /// An anchor lies behind the end of the motion. `index`: the anchor; `found`: its frame; `limit`: frames of the
+    /// motion.
+    AnchorFrame = 62,
+    /// There is no such joint. `index`: the anchor; `found`: its joint; `limit`: joints there are.
+    AnchorJoint = 63,
+    /// A coordinate is NaN or infinite. `index`: the anchor.
+    AnchorNotFinite = 64,
+    /// A coordinate is too large. `index`: the anchor; `limit`: largest magnitude, metres.
+    AnchorTooFar = 65,
+    /// Two anchors want one joint in two places at one frame. `index`: the second; `found`: the first.
+    AnchorConflict = 66,
+    /// Too many tokens to be refined. `found`: tokens; `limit`: most the refinement takes.
+    RefinementLength = 67,
+    /// The refinement met numbers that are not finite.
+    RefinementNotFinite = 68,
+
+    /// This machine computes other bits than the one that wrote the blob.
+    SelfTestFailed = 80,
+    /// The blob carries no self-test.
+    NoSelfTest = 81,
+
+    /// Something that this version has no code for.
+    Other = 99,
+}
+
+/// An error and the numbers that explain it.
+#[repr(C)]
+#[must_use]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct mtn_result {
+    /// What went wrong; 0: nothing.
+    pub error: mtn_error,
+    /// Which one, counted from 0.
+    pub index: u32,
+    /// What was found.
+    pub found: u32,
+    /// What is allowed or needed.
+    pub limit: u32,
+}
+
+/// One sentence about an error code, in English, static, zero-terminated. Any number is allowed.
+#[unsafe(no_mangle)]
+pub extern "C" fn mtn_error_message(error: i32) -> *const c_char {
+    message(error).as_ptr()
+}
+
+fn message(error: i32) -> &'static CStr {
+    use mtn_error as E;
+    const fn is(error: i32, code: E) -> bool {
+        error == code as i32
+    }
+    MESSAGES.iter().find(|(code, _)| is(error, *code)).map_or(c"unknown error", |(_, text)| text)
+}
+
+static MESSAGES: &[(mtn_error, &CStr)] = &[
+    (mtn_error::None, c"no error"),
+    (mtn_error::NullPointer, c"a pointer is null"),
+    (mtn_error::Misaligned, c"a pointer is not aligned"),
+    (mtn_error::Length, c"a length runs over the end of the address space"),
+    (mtn_error::NotOpened, c"the model or generator was not opened, or is a copy of one that was"),
+    (mtn_error::Busy, c"the generator is at work: its callback must not use it"),
+    (mtn_error::BlobMisaligned, c"the blob does not begin on a 16-byte boundary: align it in flash"),
+    (mtn_error::BlobTruncated, c"the blob was cut short"),
+    (mtn_error::NotABlob, c"this is no motionette blob"),
+    (mtn_error::BlobVersion, c"the blob has another format version: convert the model again"),
+    (mtn_error::BlobHeader, c"lengths in the blob's header contradict each other"),
+    (mtn_error::BlobChecksum, c"the blob was damaged: its checksum does not match"),
+    (mtn_error::BlobManifest, c"the blob's manifest cannot be read"),
+    (mtn_error::BlobConfig, c"the blob has a configuration value that is not supported"),
+    (mtn_error::BlobTensor, c"the blob has a tensor of wrong place, shape or value"),
+    (mtn_error::BlobUnbounded, c"the blob's weights could overflow"),
+    (mtn_error::ArenaTooSmall, c"the arena is too small for the request"),
+    (mtn_error::FloatingPoint, c"floating point is not in its default state"),
+    (mtn_error::Source, c"a request has either a text, or a stored prompt, or tokens"),
+    (mtn_error::TokenCount, c"the request has no tokens, too many, or numbers that are no whole tokens"),
+    (mtn_error::TokenOutOfRange, c"the codebook has no such token"),
+    (mtn_error::Aborted, c"the progress callback aborted the request"),
+    (mtn_error::NoPlanner, c"the model has no planner: it cannot make tokens from text"),
+    (mtn_error::NoTextEncoder, c"the model has no text encoder, only stored prompts"),
+    (mtn_error::PromptNotUtf8, c"the prompt is not UTF-8"),
+    (mtn_error::PromptEmpty, c"the prompt has no words"),
+    (mtn_error::PromptTooLong, c"the prompt has too many bytes"),
+    (mtn_error::PromptTooManyWords, c"the prompt has too many words"),
+    (mtn_error::PromptUnknownWords, c"the model knows none of the prompt's words"),
+    (mtn_error::PromptNotStored, c"the model stores no prompt of that name"),
+    (mtn_error::MotionLength, c"the motion is too long"),
+    (mtn_error::Steps, c"the planner takes 1 to 1000 steps"),
+    (mtn_error::Guidance, c"guidance must be a number from 0 to 100"),
+    (mtn_error::TooManyAnchors, c"too many anchors"),
+    (mtn_error::UnknownFamily, c"an anchor has an unknown family"),
+    (mtn_error::AnchorFrame, c"an anchor lies behind the end of the motion"),
+    (mtn_error::AnchorJoint, c"an anchor has an unknown joint"),
+    (mtn_error::AnchorNotFinite, c"an anchor's coordinate is NaN or infinite"),
+    (mtn_error::AnchorTooFar, c"an anchor's coordinate is too large"),
+    (mtn_error::AnchorConflict, c"two anchors want one joint in two places at one frame"),
+    (mtn_error::RefinementLength, c"the motion is too long to be refined"),
+    (mtn_error::RefinementNotFinite, c"the refinement met numbers that are not finite"),
+    (mtn_error::SelfTestFailed, c"the self-test failed: this machine computes other bits"),
+    (mtn_error::NoSelfTest, c"the blob carries no self-test"),
+    (mtn_error::Other, c"an error that the C library has no code for"),
+];
+
+/// Runs `work` and says how it went.
+pub(crate) fn report(work: impl FnOnce() -> Result<(), mtn_result>) -> mtn_result {
+    match work() {
+        Ok(()) => mtn_error::None.into(),
+        Err(result) => result,
+    }
+}
+
+/// A code with the two numbers that most have.
+fn numbers(error: mtn_error, found: usize, limit: usize) -> mtn_result {
+    mtn_result { found: clamped(found), limit: clamped(limit), ..error.into() }
+}
+
+impl From<mtn_error> for mtn_result {
+    fn from(error: mtn_error) -> Self {
+        mtn_result { error, index: 0, found: 0, limit: 0 }
+    }
+}
+
+impl From<blob::Error> for mtn_result {
+    fn from(error: blob::Error) -> Self {
+        use blob::Error as E;
+        let tensor = |index: u16| mtn_result { index: u32::from(index), ..mtn_error::BlobTensor.into() };
+        match error {
+            E::Misaligned { remainder } => numbers(mtn_error::BlobMisaligned, usize::from(remainder), blob::ALIGNMENT),
+            E::Truncated { needed, available } => {
+                mtn_result { found: available, limit: needed, ..mtn_error::BlobTruncated.into() }
+            }
+            E::NotABlob { found } => {
+                let (found, limit) = (u32::from_le_bytes(found), u32::from_le_bytes(blob::MAGIC));
+                mtn_result { found, limit, ..mtn_error::NotABlob.into() }
+            }
+            E::Version { found, supported } => {
+                numbers(mtn_error::BlobVersion, usize::from(found), usize::from(supported))
+            }
+            E::Header => mtn_error::BlobHeader.into(),
+            E::Checksum { computed, stored } => {
+                mtn_result { found: computed, limit: stored, ..mtn_error::BlobChecksum.into() }
+            }
+            E::Manifest => mtn_error::BlobManifest.into(),
+            E::Config { found, limit, .. } => mtn_result { found, limit, ..mtn_error::BlobConfig.into() },
+            E::Number { bits, .. } => mtn_result { found: bits, ..mtn_error::BlobConfig.into() },
+            E::TensorRange { index } | E::TensorMissing { index } | E::TensorValue { index, .. } => tensor(index),
+            E::TensorShape { index, found, expected } => mtn_result { found, limit: expected, ..tensor(index) },
+            E::Unbounded { index } => mtn_result { index: u32::from(index), ..mtn_error::BlobUnbounded.into() },
+            _ => mtn_error::Other.into(),
+        }
+    }
+}
+
+impl From<Error> for mtn_result {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Arena(e) => numbers(mtn_error::ArenaTooSmall, e.available, e.needed),
+            Error::FloatingPoint => mtn_error::FloatingPoint.into(),
+            Error::Tokens { found, limit } => numbers(mtn_error::TokenCount, found, limit),
+            Error::TokenOutOfRange { index, token, codes } => mtn_result {
+                index: clamped(index),
+                ..numbers(mtn_error::TokenOutOfRange, usize::from(token), usize::from(codes))
+            },
+            Error::Prompt(e) => e.into(),
+            Error::Planning(e) => e.into(),
+            Error::Anchors(e) => e.into(),
+            Error::Solver(SolverError::Tokens { tokens, limit }) => numbers(mtn_error::RefinementLength, tokens, limit),
+            Error::Solver(SolverError::NotFinite) => mtn_error::RefinementNotFinite.into(),
+            Error::Aborted => mtn_error::Aborted.into(),
+            // Embeddings and streams have no way in from C.
+            _ => mtn_error::Other.into(),
+        }
+    }
+}
+
+impl From<PromptError> for mtn_result {
+    fn from(error: PromptError) -> Self {
+        match error {
+            PromptError::NoEncoder { stored } => numbers(mtn_error::NoTextEncoder, stored, 0),
+            PromptError::Empty => mtn_error::PromptEmpty.into(),
+            PromptError::TooLong { found, limit } => numbers(mtn_error::PromptTooLong, found, limit),
+            PromptError::TooManyWords { found, limit } => numbers(mtn_error::PromptTooManyWords, found, limit),
+            PromptError::OnlyUnknownWords { words } => numbers(mtn_error::PromptUnknownWords, words, 0),
+            PromptError::NotStored { stored } => numbers(mtn_error::PromptNotStored, stored, 0),
+            _ => mtn_error::Other.into(),
+        }
+    }
+}
+
+impl From<PlanningError> for mtn_result {
+    fn from(error: PlanningError) -> Self {
+        match error {
+            PlanningError::NoPlanner => mtn_error::NoPlanner.into(),
+            PlanningError::Length { found, limit } => numbers(mtn_error::MotionLength, found, limit),
+            PlanningError::Steps { found, limit } => numbers(mtn_error::Steps, usize::from(found), usize::from(limit)),
+            PlanningError::Guidance { .. } => mtn_error::Guidance.into(),
+            // Samplings and given tokens have no way in from C.
+            _ => mtn_error::Other.into(),
+        }
+    }
+}
+
+impl From<AnchorError> for mtn_result {
+    fn from(error: AnchorError) -> Self {
+        let at = |error: mtn_error, index: usize, found: usize, limit: usize| mtn_result {
+            index: clamped(index),
+            ..numbers(error, found, limit)
+        };
+        match error {
+            AnchorError::TooMany { anchors, limit } => numbers(mtn_error::TooManyAnchors, anchors, limit),
+            AnchorError::FrameOutOfRange { index, frame, frames } => {
+                at(mtn_error::AnchorFrame, index, usize::from(frame), frames)
+            }
+            AnchorError::JointOutOfRange { index, joint, joints } => {
+                at(mtn_error::AnchorJoint, index, usize::from(joint), joints)
+            }
+            AnchorError::NotFinite { index } => at(mtn_error::AnchorNotFinite, index, 0, 0),
+            AnchorError::TooFar { index, limit } => at(mtn_error::AnchorTooFar, index, 0, limit as usize),
+            AnchorError::Conflict { first, second } => at(mtn_error::AnchorConflict, second, first, 0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every variant has a message of its own: the compiler makes sure that the list of codes below is complete.
+    #[test]
+    fn every_code_has_a_message() {
+        let source = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/src/error.rs")).unwrap();
+        let codes: std::vec::Vec<i32> = source
+            .lines()
+            .filter_map(|line| line.strip_prefix("    ")?.strip_suffix(',')?.split_once(" = ")?.1.parse().ok())
+            .collect();
+        assert_eq!(codes.len(), MESSAGES.len(), "a code without a message, or the other way round");
+        let mut seen = std::collections::BTreeSet::new();
+        for code in codes {
+            assert_ne!(message(code), c"unknown error", "code {code}");
+            assert!(seen.insert(message(code)), "{:?} says two things", message(code));
+        }
+        assert_eq!(message(-7), c"unknown error");
+    }
+}

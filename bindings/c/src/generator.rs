@@ -1,0 +1,278 @@
+//! Making motions and watching them being made.
+
+use core::ffi::c_void;
+
+use motionette::refining::ControlError;
+use motionette::{Flow, Generator, Model, Motion, Observer, Progress, Stage};
+
+use crate::error::{mtn_error, mtn_result, report};
+use crate::model::{self, mtn_model};
+use crate::pointer::{Slot, place, slice, slice_mut};
+use crate::request::{Anchors, MTN_JOINTS, mtn_request};
+
+/// Words of `mtn_generator`'s storage.
+pub const MTN_GENERATOR_WORDS: usize = 496;
+
+/// Makes motions of one model in one arena. Opaque: give it zeroed storage (a `static` is), call
+/// `mtn_generator_open`, and do not copy it.
+#[repr(C)]
+#[derive(Debug)]
+pub struct mtn_generator {
+    /// Not for use: makes the alignment that of 64-bit numbers.
+    pub reserved: u64,
+    /// Not for use.
+    pub opaque: [usize; MTN_GENERATOR_WORDS],
+}
+
+/// What lies in the storage.
+type Opened = Slot<Generator<'static>>;
+
+const _: () = assert!(
+    size_of::<mtn_generator>() >= size_of::<Opened>() && align_of::<mtn_generator>() >= align_of::<Opened>(),
+    "a generator does not fit its storage: raise MTN_GENERATOR_WORDS"
+);
+
+/// What a progress callback wants: one of `MTN_FLOW_*`.
+pub type mtn_flow = u32;
+/// Go on.
+pub const MTN_FLOW_CONTINUE: mtn_flow = 0;
+/// Finish with the best so far: refinement ends, the motion is decoded and returned; planning ends with its last
+/// proposals.
+pub const MTN_FLOW_FINISH: mtn_flow = 1;
+/// Stop at once, no motion. Any other number counts as this.
+pub const MTN_FLOW_ABORT: mtn_flow = 2;
+
+/// A stage of the work.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum mtn_stage {
+    /// Reading the prompt.
+    Reading,
+    /// Planning tokens.
+    Planning,
+    /// Bending the motion onto its anchors.
+    Refining,
+    /// Decoding the final motion.
+    Decoding,
+}
+
+/// How far the work is.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct mtn_progress {
+    /// The stage.
+    pub stage: mtn_stage,
+    /// Decoder evaluations begun in this stage; when planning, steps.
+    pub evaluation: u16,
+    /// Decoder evaluations, or steps, this stage may take.
+    pub evaluations: u16,
+    /// Mean distance from the anchors of the evaluation that has just been completed, metres; negative in all other
+    /// calls.
+    pub control_error: f32,
+}
+
+/// Called at every layer boundary, hundreds of times a motion. `context` is what `mtn_generate` was given;
+/// `progress` is valid during the call only. It may take its time, but neither leave by `longjmp` nor use the same
+/// generator.
+pub type mtn_progress_fn =
+    Option<unsafe extern "C" fn(context: *mut c_void, progress: *const mtn_progress) -> mtn_flow>;
+
+/// A finished motion. Its arrays lie in the generator's arena, until the generator is used again.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct mtn_motion {
+    /// Joint positions `[frames][22][3]`, metres: `joints[frame][MTN_JOINT_HEAD][1]` is the head's height.
+    pub joints: *const [[f32; 3]; MTN_JOINTS],
+    /// Frames.
+    pub frames: usize,
+    /// Tokens `[L][Q]` the motion was decoded from, before refinement.
+    pub tokens: *const u16,
+    /// Numbers in `tokens`.
+    pub token_count: usize,
+    /// Token embeddings `[L][du]` it was decoded from, refinement included.
+    pub embeddings: *const f32,
+    /// Numbers in `embeddings`.
+    pub embedding_count: usize,
+    /// Bytes of arena that were taken.
+    pub arena_used: usize,
+    /// Mean distance from the anchors before refinement, metres; negative when it was not measured.
+    pub control_error_before: f32,
+    /// The same after it.
+    pub control_error: f32,
+    /// Largest distance from an anchor after it, metres; negative when it was not measured.
+    pub worst_error: f32,
+    /// The anchor it is from, counted from 0.
+    pub worst_anchor: u16,
+    /// Decoder evaluations of the refinement.
+    pub evaluations: u16,
+    /// Frames a second.
+    pub frame_rate: u16,
+    /// Words of the prompt.
+    pub words: u16,
+    /// Of these, words that the model does not know.
+    pub unknown_words: u16,
+    /// Anchors that the planner did not see.
+    pub unconditioned_anchors: u16,
+}
+
+/// Makes a generator of `model` that works in `arena` and nowhere else.
+///
+/// The generator has its own copy of the model's state: `model` may be used for something else afterwards, the blob
+/// may not. `arena`: `arena_bytes` bytes with any content, for this generator alone; how many, `mtn_model_plan` says.
+///
+/// # Safety
+/// `generator` is storage for one `mtn_generator`; `model` is zeroed storage or one that `mtn_model_open` was called
+/// with; `arena` points to `arena_bytes` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_generator_open(
+    generator: *mut mtn_generator,
+    model: *const mtn_model,
+    arena: *mut c_void,
+    arena_bytes: usize,
+) -> mtn_result {
+    report(|| {
+        let slot = place(generator, 0)?.cast::<Opened>().cast_mut();
+        // SAFETY: aligned; the caller promises storage.
+        unsafe { Slot::close(slot) };
+        // SAFETY: aligned; the caller promises storage that stays as it is during this call.
+        let model: &Model<'static> = unsafe { Slot::get(place(model, 1)?.cast::<model::Opened>(), 1) }?;
+        place(arena.cast::<u8>(), 2)?;
+        // SAFETY: the caller promises bytes that nobody else uses.
+        let arena = unsafe { slice_mut(arena.cast::<u8>(), arena_bytes, 2) }?;
+        let opened = Generator::new(model.clone(), arena)?;
+        // SAFETY: aligned; the caller promises storage.
+        unsafe { Slot::open(slot, opened) };
+        Ok(())
+    })
+}
+
+/// Makes the motion of `request`. `progress` may be null; `context` is handed to it. On an error `motion` is left
+/// alone and the generator can be used again at once.
+///
+/// # Safety
+/// `generator` is zeroed storage or one that `mtn_generator_open` was called with, used by one thread at a time;
+/// `request` and all it points to are readable; `motion` is room for one `mtn_motion`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_generate(
+    generator: *mut mtn_generator,
+    request: *const mtn_request,
+    progress: mtn_progress_fn,
+    context: *mut c_void,
+    motion: *mut mtn_motion,
+) -> mtn_result {
+    report(|| {
+        let slot = place(generator, 0)?.cast::<Opened>().cast_mut();
+        let out = place(motion, 4)?.cast_mut();
+        // SAFETY: aligned; the caller promises a value.
+        let request = unsafe { place(request, 1)?.read() };
+        // SAFETY: the caller promises that what the request points to is readable.
+        let anchors = unsafe { Anchors::new(&request) }?;
+        // SAFETY: as above, for as long as this call lasts.
+        let request = unsafe { request.resolved(&anchors) }?;
+        let mut watch = Watch { progress, context };
+        let work = |generator: &mut Generator<'static>| Ok(mtn_motion::new(&generator.generate(&request, &mut watch)?));
+        // SAFETY: aligned; the caller promises storage and one thread at a time.
+        let made = unsafe { Slot::with(slot, 0, work) }?;
+        // SAFETY: aligned; the caller promises room for a motion.
+        unsafe { out.write(made) };
+        Ok(())
+    })
+}
+
+/// Runs the self-test that the blob carries: decodes a motion and compares its hash, to prove that this machine
+/// computes the same bits as the one that wrote the blob. `MTN_ERROR_SELF_TEST_FAILED` when not,
+/// `MTN_ERROR_NO_SELF_TEST` without one.
+///
+/// # Safety
+/// As of `mtn_generate`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_self_test(generator: *mut mtn_generator) -> mtn_result {
+    report(|| {
+        let slot = place(generator, 0)?.cast::<Opened>().cast_mut();
+        let work = |generator: &mut Generator<'static>| match generator.self_test()? {
+            Some(true) => Ok(()),
+            Some(false) => Err(mtn_error::SelfTestFailed.into()),
+            None => Err(mtn_error::NoSelfTest.into()),
+        };
+        // SAFETY: aligned; the caller promises storage and one thread at a time.
+        unsafe { Slot::with(slot, 0, work) }
+    })
+}
+
+/// Hash over every bit of embeddings and joints, into `hash`: equal on every machine for the same request and blob.
+///
+/// # Safety
+/// `motion` came from `mtn_generate` and its generator has not been used since; `hash` is room for a number.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_motion_hash(motion: *const mtn_motion, hash: *mut u64) -> mtn_result {
+    report(|| {
+        // SAFETY: aligned; the caller promises a value.
+        let motion = unsafe { place(motion, 0)?.read() };
+        let out = place(hash, 1)?.cast_mut();
+        // SAFETY: the caller promises a motion whose arrays are still there.
+        let embeddings = unsafe { slice(motion.embeddings, motion.embedding_count, 0) }?;
+        // SAFETY: as above.
+        let joints = unsafe { slice(motion.joints, motion.frames, 0) }?;
+        let hash = motionette::hash::motion(embeddings, joints.as_flattened().as_flattened());
+        // SAFETY: aligned; the caller promises room for a number.
+        unsafe { out.write(hash) };
+        Ok(())
+    })
+}
+
+impl mtn_motion {
+    fn new(motion: &Motion<'_>) -> Self {
+        let report = motion.refinement;
+        let before = report.and_then(|report| report.before);
+        let after = report.and_then(|report| report.after);
+        let mean = |error: Option<ControlError>| error.map_or(-1.0, |error| error.mean);
+        let frames = motion.frames();
+        mtn_motion {
+            joints: frames.as_ptr(),
+            frames: frames.len(),
+            tokens: motion.tokens().as_ptr(),
+            token_count: motion.tokens().len(),
+            embeddings: motion.u().as_ptr(),
+            embedding_count: motion.u().len(),
+            arena_used: motion.arena_used,
+            control_error_before: mean(before),
+            control_error: mean(after),
+            worst_error: after.map_or(-1.0, |error| error.worst),
+            worst_anchor: after.map_or(0, |error| error.worst_anchor),
+            evaluations: report.map_or(0, |report| report.evaluations),
+            frame_rate: motion.frame_rate(),
+            words: motion.words(),
+            unknown_words: motion.unknown_words(),
+            unconditioned_anchors: motion.unconditioned_anchors(),
+        }
+    }
+}
+
+/// The C callback as an observer.
+struct Watch {
+    progress: mtn_progress_fn,
+    context: *mut c_void,
+}
+
+impl Observer for Watch {
+    fn progress(&mut self, progress: Progress) -> Flow {
+        let Some(callback) = self.progress else { return Flow::Continue };
+        let progress = mtn_progress {
+            stage: match progress.stage {
+                Stage::Reading => mtn_stage::Reading,
+                Stage::Planning => mtn_stage::Planning,
+                Stage::Refining => mtn_stage::Refining,
+                Stage::Decoding => mtn_stage::Decoding,
+            },
+            evaluation: progress.evaluation,
+            evaluations: progress.evaluations,
+            control_error: progress.control_error.unwrap_or(-1.0),
+        };
+        // SAFETY: the caller of `mtn_generate` promises a function of this type that takes this context.
+        match unsafe { callback(self.context, &raw const progress) } {
+            MTN_FLOW_CONTINUE => Flow::Continue,
+            MTN_FLOW_FINISH => Flow::Finish,
+            _ => Flow::Abort,
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! Opening a blob, and what a request will need of memory and work.
+
+use core::ffi::c_void;
+
+use motionette::perception::anchors::MAX_ANCHORS;
+use motionette::perception::prompt::PromptError;
+use motionette::planning::{self, PlanningError, request::MAX_STEPS};
+use motionette::refining::Config;
+use motionette::{Limits, Model, Plan};
+
+use crate::error::{mtn_error, mtn_result, report};
+use crate::pointer::{Slot, clamped, place, slice};
+
+/// Words of `mtn_model`'s storage.
+pub const MTN_MODEL_WORDS: usize = 496;
+
+/// An opened blob. Opaque: give it zeroed storage (a `static` is), call `mtn_model_open`, and do not copy it.
+#[repr(C)]
+#[derive(Debug)]
+pub struct mtn_model {
+    /// Not for use: makes the alignment that of 64-bit numbers.
+    pub reserved: u64,
+    /// Not for use.
+    pub opaque: [usize; MTN_MODEL_WORDS],
+}
+
+/// What lies in the storage.
+pub(crate) type Opened = Slot<Model<'static>>;
+
+const _: () = assert!(
+    size_of::<mtn_model>() >= size_of::<Opened>() && align_of::<mtn_model>() >= align_of::<Opened>(),
+    "a model does not fit its storage: raise MTN_MODEL_WORDS"
+);
+
+/// Largest request that is to be served.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct mtn_limits {
+    /// Frames of the motion; 0: the longest motion of the model, as a request of predicted length needs it.
+    pub frames: usize,
+    /// Words of the prompt; 0: the tokens are given.
+    pub words: usize,
+    /// Anchors, at most `MTN_MAX_ANCHORS`.
+    pub anchors: usize,
+    /// Planner steps; not looked at without words.
+    pub steps: u16,
+    /// Decoder evaluations of the refinement; 0: anchors are for the planner only.
+    pub evaluations: u16,
+    /// Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
+    pub guidance: f32,
+}
+
+/// Memory and work of the largest request inside some limits.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct mtn_plan {
+    /// Bytes of arena, from a 16-byte boundary, exactly. An arena that begins elsewhere needs up to 15 more.
+    pub arena_bytes: usize,
+    /// Multiply-accumulates at most, in all.
+    pub macs: u64,
+    /// Of these, multiply-accumulates of reading the prompt and planning tokens.
+    pub planning_macs: u64,
+    /// Of these, multiply-accumulates of the final decoding; what is left is refinement.
+    pub decoding_macs: u64,
+    /// Decoder evaluations at most, the final one included.
+    pub evaluations: u32,
+    /// Decoder gradients at most.
+    pub gradients: u32,
+}
+
+/// Opens a blob: checks header, checksum, manifest and every tensor, once. About one pass over its bytes.
+///
+/// `blob`: `blob_bytes` bytes from a 16-byte boundary, read in place (flash will do); bytes behind the blob are
+/// ignored. They must not change or go away while `model`, or a generator of it, is in use.
+///
+/// # Safety
+/// `model` is storage for one `mtn_model`; `blob` points to `blob_bytes` readable bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_model_open(model: *mut mtn_model, blob: *const c_void, blob_bytes: usize) -> mtn_result {
+    report(|| {
+        let slot = place(model, 0)?.cast::<Opened>().cast_mut();
+        // SAFETY: aligned; the caller promises storage.
+        unsafe { Slot::close(slot) };
+        place(blob.cast::<u8>(), 1)?;
+        // SAFETY: the caller promises readable bytes that stay.
+        let bytes = unsafe { slice(blob.cast::<u8>(), blob_bytes, 1) }?;
+        let opened = Model::open(bytes)?;
+        // SAFETY: aligned; the caller promises storage.
+        unsafe { Slot::open(slot, opened) };
+        Ok(())
+    })
+}
+
+/// Says what the largest request inside `limits` will need: bytes of arena, exactly, and multiply-accumulates at
+/// most.
+///
+/// # Safety
+/// `model` is zeroed storage or one that `mtn_model_open` was called with; `limits` and `plan` are valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_model_plan(
+    model: *const mtn_model,
+    limits: *const mtn_limits,
+    plan: *mut mtn_plan,
+) -> mtn_result {
+    report(|| {
+        // SAFETY: aligned; the caller promises storage that stays as it is during this call.
+        let model = unsafe { Slot::get(place(model, 0)?.cast::<Opened>(), 0) }?;
+        // SAFETY: aligned; the caller promises a value.
+        let limits = unsafe { place(limits, 1)?.read() };
+        let out = place(plan, 2)?.cast_mut();
+        let plan = Plan::for_request(model, &limits.checked(model)?);
+        let plan = mtn_plan {
+            arena_bytes: plan.arena_bytes,
+            macs: plan.macs,
+            planning_macs: plan.planning_macs,
+            decoding_macs: plan.decoding_macs,
+            evaluations: plan.evaluations,
+            gradients: plan.gradients,
+        };
+        // SAFETY: aligned; the caller promises room for a plan.
+        unsafe { out.write(plan) };
+        Ok(())
+    })
+}
+
+impl mtn_limits {
+    /// The runtime's limits, if a request of `model` can be as large.
+    fn checked(&self, model: &Model<'_>) -> Result<Limits, mtn_result> {
+        let (found, limit) = (self.frames.div_ceil(model.frames_per_token().max(1)), model.max_tokens());
+        let tokens = if self.frames == 0 { limit } else { found };
+        if tokens > limit {
+            return Err(PlanningError::Length { found, limit }.into());
+        }
+        if self.anchors > MAX_ANCHORS {
+            let found = clamped(self.anchors);
+            return Err(mtn_result { found, limit: clamped(MAX_ANCHORS), ..mtn_error::TooManyAnchors.into() });
+        }
+        let mut planning = None;
+        if self.words > 0 {
+            let limit = model.planning().ok_or(PlanningError::NoPlanner)?.text.max_words();
+            if self.words > limit {
+                return Err(PromptError::TooManyWords { found: self.words, limit }.into());
+            }
+            if self.steps == 0 || self.steps > MAX_STEPS {
+                return Err(PlanningError::Steps { found: self.steps, limit: MAX_STEPS }.into());
+            }
+            let (words, steps) = (self.words, self.steps);
+            planning = Some(planning::Limits { words, steps, guided: self.guidance != 1.0, anchors: self.anchors > 0 });
+        }
+        let anchors = if self.evaluations > 0 { self.anchors } else { 0 };
+        Ok(Limits { tokens, anchors, refinement: Config::fast(self.evaluations), planning })
+    }
+}

@@ -1,0 +1,183 @@
+//! What is to be made, as C says it.
+
+use core::ffi::c_char;
+
+use motionette::perception::text::MAX_PROMPT;
+use motionette::refining::Config;
+use motionette::{Anchor, JOINTS, Prompt, Request, Source};
+
+use crate::error::{mtn_error, mtn_result};
+use crate::pointer::{clamped, place, slice};
+
+/// Joints of the body skeleton.
+pub const MTN_JOINTS: usize = 22;
+/// Most anchors of a request.
+pub const MTN_MAX_ANCHORS: usize = 32;
+
+const _: () = assert!(MTN_JOINTS == JOINTS && MTN_MAX_ANCHORS == motionette::perception::anchors::MAX_ANCHORS);
+
+/// What an anchor holds: one of `MTN_FAMILY_*`.
+pub type mtn_family = u8;
+/// The pelvis at `[x, y, z]`.
+pub const MTN_FAMILY_ROOT3D: mtn_family = 0;
+/// The pelvis above `[x, _, z]`, its height free.
+pub const MTN_FAMILY_PLANAR: mtn_family = 1;
+/// A joint at `[x, y, z]`.
+pub const MTN_FAMILY_JOINT: mtn_family = 2;
+
+/// Part of the body, time and place that the motion must pass through.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct mtn_anchor {
+    /// Wanted position `[x, y, z]`, metres.
+    pub position: [f32; 3],
+    /// Frame at which it must be met, 0 is the first.
+    pub frame: u16,
+    /// What is to be there.
+    pub family: mtn_family,
+    /// Which `mtn_joint`, for `MTN_FAMILY_JOINT`; otherwise not looked at.
+    pub joint: u8,
+}
+
+/// One motion to be made: begin with `mtn_request_default`, then set one of `text`, `stored` and `tokens`.
+///
+/// The library reads what is pointed to during `mtn_generate` only.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct mtn_request {
+    /// Prompt, UTF-8, at most 4096 bytes and a zero behind them; or null.
+    pub text: *const c_char,
+    /// Name of a prompt that the blob stores, likewise; or null.
+    pub stored: *const c_char,
+    /// Motion tokens `[L][Q]` for the model's Q quantizers (4 frames a token), instead of a prompt; or null.
+    pub tokens: *const u16,
+    /// Numbers in `tokens`.
+    pub token_count: usize,
+    /// Anchors in any order; may be null when there are none.
+    pub anchors: *const mtn_anchor,
+    /// Anchors, at most `MTN_MAX_ANCHORS`.
+    pub anchor_count: usize,
+    /// Seed of the planner; the same request, seed and blob give the same bits on every machine.
+    pub seed: u64,
+    /// Weight of text and anchors in the planner, 0 to 100; 1 is off and halves its work.
+    pub guidance: f32,
+    /// Length, taken to the next whole token; 0: what the text suggests. Of no account for tokens.
+    pub frames: u16,
+    /// Planner steps, 1 to 1000.
+    pub steps: u16,
+    /// Decoder evaluations of the refinement onto the anchors; 0: anchors are for the planner only.
+    pub evaluations: u16,
+    /// Not 0: the planner does not see the anchors, they only refine.
+    pub unconditioned: u16,
+}
+
+/// A request for nothing yet: ten steps, guidance 2, 20 evaluations, seed 0, the length that the text suggests.
+#[unsafe(no_mangle)]
+pub extern "C" fn mtn_request_default() -> mtn_request {
+    let planning = motionette::Planning::DEFAULT;
+    mtn_request {
+        text: core::ptr::null(),
+        stored: core::ptr::null(),
+        tokens: core::ptr::null(),
+        token_count: 0,
+        anchors: core::ptr::null(),
+        anchor_count: 0,
+        seed: planning.seed,
+        guidance: planning.guidance,
+        frames: 0,
+        steps: planning.steps,
+        evaluations: Config::default().evaluations,
+        unconditioned: 0,
+    }
+}
+
+/// Anchors of a request in the runtime's form.
+pub(crate) struct Anchors {
+    items: [Anchor; MTN_MAX_ANCHORS],
+    count: usize,
+}
+
+impl Anchors {
+    /// # Safety
+    /// The request's anchors MUST be readable.
+    pub(crate) unsafe fn new(request: &mtn_request) -> Result<Self, mtn_result> {
+        let (found, limit) = (clamped(request.anchor_count), clamped(MTN_MAX_ANCHORS));
+        if found > limit {
+            return Err(mtn_result { found, limit, ..mtn_error::TooManyAnchors.into() });
+        }
+        // SAFETY: the caller vouches for them.
+        let given = unsafe { slice(request.anchors, request.anchor_count, 1) }?;
+        let mut anchors = Anchors { items: [Anchor::root(0, [0.0; 3]); MTN_MAX_ANCHORS], count: given.len() };
+        for (index, (to, from)) in anchors.items.iter_mut().zip(given).enumerate() {
+            let mtn_anchor { position, frame, family, joint } = *from;
+            let [x, _, z] = position;
+            *to = match family {
+                MTN_FAMILY_ROOT3D => Anchor::root(frame, position),
+                MTN_FAMILY_PLANAR => Anchor::planar_root(frame, [x, z]),
+                MTN_FAMILY_JOINT => Anchor::joint(frame, joint, position),
+                _ => {
+                    let (index, found) = (clamped(index), u32::from(family));
+                    return Err(mtn_result { index, found, ..mtn_error::UnknownFamily.into() });
+                }
+            };
+        }
+        Ok(anchors)
+    }
+
+    fn as_slice(&self) -> &[Anchor] {
+        self.items.get(..self.count).unwrap_or(&[])
+    }
+}
+
+impl mtn_request {
+    /// The runtime's request.
+    ///
+    /// # Safety
+    /// What the request points to MUST be readable and unchanged for `'r`.
+    pub(crate) unsafe fn resolved<'r>(&self, anchors: &'r Anchors) -> Result<Request<'r>, mtn_result> {
+        let sources = [!self.text.is_null(), !self.stored.is_null(), !self.tokens.is_null()];
+        let source = match sources {
+            // SAFETY: the caller vouches for the text.
+            [true, false, false] => Source::Text(Prompt::Text(unsafe { text(self.text) }?)),
+            // SAFETY: the caller vouches for the name.
+            [false, true, false] => Source::Text(Prompt::Bank(unsafe { text(self.stored) }?)),
+            // SAFETY: the caller vouches for the tokens.
+            [false, false, true] => Source::Tokens(unsafe { slice(self.tokens, self.token_count, 1) }?),
+            _ => {
+                let found = sources.iter().map(|&given| u32::from(given)).sum();
+                return Err(mtn_result { found, limit: 1, ..mtn_error::Source.into() });
+            }
+        };
+        let mut request = Request { source, ..Request::tokens(&[]) }.steps(self.steps).guidance(self.guidance);
+        request = request.seed(self.seed);
+        if self.frames > 0 {
+            request = request.frames(self.frames);
+        }
+        request.anchors = anchors.as_slice();
+        request.planning.conditioned = self.unconditioned == 0;
+        request.refinement = (self.evaluations > 0).then(|| Config::fast(self.evaluations));
+        Ok(request)
+    }
+}
+
+/// A text that ends with a zero byte. Bytes behind the longest prompt are not read.
+///
+/// # Safety
+/// The bytes up to the zero, or as many as the longest prompt has and one more, MUST be readable and unchanged for
+/// `'r`.
+unsafe fn text<'r>(text: *const c_char) -> Result<&'r str, mtn_result> {
+    let start = place(text, 1)?.cast::<u8>();
+    let mut length = 0;
+    // SAFETY: no zero came before, so the byte is readable.
+    while unsafe { start.wrapping_add(length).read() } != 0 {
+        length += 1;
+        if length > MAX_PROMPT {
+            let (found, limit) = (clamped(length), clamped(MAX_PROMPT));
+            return Err(mtn_result { found, limit, ..mtn_error::PromptTooLong.into() });
+        }
+    }
+    // SAFETY: all of these bytes have just been read.
+    let bytes = unsafe { slice(start, length, 1) }?;
+    core::str::from_utf8(bytes)
+        .map_err(|e| mtn_result { index: clamped(e.valid_up_to()), ..mtn_error::PromptNotUtf8.into() })
+}

@@ -1,0 +1,329 @@
+//! What C may get wrong, and what it then is told.
+
+use core::ffi::{CStr, c_void};
+use core::{mem, ptr};
+use std::{boxed::Box, fs, sync::LazyLock, vec, vec::Vec};
+
+use motionette::{Generator, Model, Request, blob::Aligned};
+
+use crate::error::{mtn_error, mtn_error_message, mtn_result};
+use crate::generator::{
+    MTN_FLOW_ABORT, MTN_FLOW_CONTINUE, MTN_FLOW_FINISH, mtn_flow, mtn_generate, mtn_generator, mtn_generator_open,
+    mtn_motion, mtn_motion_hash, mtn_progress, mtn_self_test, mtn_stage,
+};
+use crate::model::{mtn_limits, mtn_model, mtn_model_open, mtn_model_plan, mtn_plan};
+use crate::request::{
+    MTN_FAMILY_JOINT, MTN_FAMILY_PLANAR, MTN_FAMILY_ROOT3D, MTN_MAX_ANCHORS, mtn_anchor, mtn_request,
+    mtn_request_default,
+};
+
+/// Blocks that begin on the boundary that blobs need.
+type Blocks = Vec<Aligned<[u8; 16]>>;
+
+static BLOB: LazyLock<Blocks> = LazyLock::new(|| {
+    let bytes = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../../models/nano.blob")).unwrap();
+    bytes
+        .chunks(16)
+        .map(|chunk| {
+            let mut block = Aligned([0; 16]);
+            block.0[..chunk.len()].copy_from_slice(chunk);
+            block
+        })
+        .collect()
+});
+
+const TOKENS: [u16; 8] = [117, 204, 407, 13, 227, 418, 370, 83];
+
+fn zeroed<T>() -> Box<T> {
+    // SAFETY: used with the opaque types and with plain C structs, for which zero bits are a value.
+    unsafe { Box::new(mem::zeroed()) }
+}
+
+fn result(error: mtn_error, index: u32, found: u32, limit: u32) -> mtn_result {
+    mtn_result { error, index, found, limit }
+}
+
+const FINE: mtn_result = mtn_result { error: mtn_error::None, index: 0, found: 0, limit: 0 };
+
+fn open(model: &mut mtn_model, blob: &[Aligned<[u8; 16]>]) -> mtn_result {
+    // SAFETY: the blocks are contiguous bytes, and outlive every model of these tests.
+    unsafe { mtn_model_open(model, blob.as_ptr().cast(), size_of_val(blob)) }
+}
+
+/// A generator of the bundled model and everything it works with.
+struct Bench {
+    generator: Box<mtn_generator>,
+    _arena: Blocks,
+}
+
+impl Bench {
+    fn new(arena_bytes: usize) -> Self {
+        let mut model = zeroed();
+        assert_eq!(open(&mut model, &BLOB), FINE);
+        let mut arena = vec![Aligned([0xA5; 16]); arena_bytes.div_ceil(16)];
+        let mut generator = zeroed();
+        // SAFETY: everything is valid; the arena lives as long as the generator.
+        let opened =
+            unsafe { mtn_generator_open(&mut *generator, &*model, arena.as_mut_ptr().cast(), 16 * arena.len()) };
+        assert_eq!(opened, FINE);
+        Bench { generator, _arena: arena }
+    }
+
+    fn generate(&mut self, request: &mtn_request) -> Result<mtn_motion, mtn_result> {
+        let mut motion = zeroed();
+        // SAFETY: everything is valid.
+        let made = unsafe { mtn_generate(&mut *self.generator, request, None, ptr::null_mut(), &mut *motion) };
+        if made == FINE { Ok(*motion) } else { Err(made) }
+    }
+
+    fn refused(&mut self, request: &mtn_request) -> mtn_result {
+        self.generate(request).expect_err("the request is bad")
+    }
+}
+
+fn tokens() -> mtn_request {
+    mtn_request { tokens: TOKENS.as_ptr(), token_count: TOKENS.len(), ..mtn_request_default() }
+}
+
+fn text(text: &CStr) -> mtn_request {
+    mtn_request { text: text.as_ptr(), steps: 1, frames: 8, ..mtn_request_default() }
+}
+
+fn through(anchors: &[mtn_anchor]) -> mtn_request {
+    mtn_request { anchors: anchors.as_ptr(), anchor_count: anchors.len(), ..tokens() }
+}
+
+const ROOT: mtn_anchor = mtn_anchor { position: [0.1, 0.9, 0.5], frame: 28, family: MTN_FAMILY_ROOT3D, joint: 0 };
+const WRIST: mtn_anchor = mtn_anchor { position: [-0.3, 1.4, 0.4], frame: 16, family: MTN_FAMILY_JOINT, joint: 21 };
+
+#[test]
+fn null_and_misaligned_pointers_are_named() {
+    let mut bench = Bench::new(1 << 18);
+    let (mut model, mut motion, mut hash) = (zeroed::<mtn_model>(), zeroed::<mtn_motion>(), 0u64);
+    let null = |index| result(mtn_error::NullPointer, index, 0, 0);
+    let blob = BLOB.as_ptr().cast::<c_void>();
+    let generator: *mut mtn_generator = &mut *bench.generator;
+    let (request, off) = (tokens(), tokens());
+    // SAFETY: all pointers are valid or refused before they are followed.
+    unsafe {
+        assert_eq!(mtn_model_open(ptr::null_mut(), blob, 16), null(0));
+        assert_eq!(mtn_model_open(&mut *model, ptr::null(), 16), null(1));
+        let misaligned = ptr::from_mut(&mut *model).wrapping_byte_add(4);
+        assert_eq!(mtn_model_open(misaligned, blob, 16), result(mtn_error::Misaligned, 0, 4, 8));
+        assert_eq!(mtn_model_plan(&*model, ptr::null(), ptr::null_mut()), result(mtn_error::NotOpened, 0, 0, 0));
+        assert_eq!(open(&mut model, &BLOB), FINE);
+        assert_eq!(mtn_model_plan(&*model, ptr::null(), ptr::null_mut()), null(1));
+        assert_eq!(mtn_generator_open(&mut *zeroed(), &*model, ptr::null_mut(), 1024), null(2));
+        assert_eq!(mtn_generate(ptr::null_mut(), &request, None, ptr::null_mut(), &mut *motion), null(0));
+        assert_eq!(mtn_generate(generator, ptr::null(), None, ptr::null_mut(), &mut *motion), null(1));
+        assert_eq!(mtn_generate(generator, &request, None, ptr::null_mut(), ptr::null_mut()), null(4));
+        assert_eq!(mtn_self_test(ptr::null_mut()), null(0));
+        assert_eq!(mtn_motion_hash(ptr::null(), &mut hash), null(0));
+        assert_eq!(mtn_motion_hash(&*motion, ptr::null_mut()), null(1));
+    }
+    assert_eq!(bench.refused(&mtn_request { anchor_count: 2, ..tokens() }), null(1));
+    let off_tokens = mtn_request { tokens: TOKENS.as_ptr().wrapping_byte_add(1), ..off };
+    assert_eq!(bench.refused(&off_tokens), result(mtn_error::Misaligned, 1, 1, 2));
+    let endless = mtn_request { token_count: usize::MAX / 2, ..tokens() };
+    assert_eq!(bench.refused(&endless), result(mtn_error::Length, 1, u32::MAX, 0));
+}
+
+#[test]
+fn blobs_are_refused_with_their_numbers() {
+    let mut model = zeroed();
+    let mut damaged = BLOB.clone();
+    // SAFETY: the bytes lie inside the blob.
+    let off = unsafe { mtn_model_open(&mut *model, BLOB.as_ptr().wrapping_byte_add(4).cast(), 4096) };
+    assert_eq!(off, result(mtn_error::BlobMisaligned, 0, 4, 16));
+    let cut = open(&mut model, &BLOB[..1000]);
+    assert_eq!((cut.error, cut.found), (mtn_error::BlobTruncated, 16000));
+    assert!(cut.limit as usize > 1_000_000 && cut.limit as usize <= 16 * BLOB.len(), "{cut:?}");
+    damaged[5000].0[3] ^= 1;
+    assert_eq!(open(&mut model, &damaged).error, mtn_error::BlobChecksum);
+    damaged[0].0[0] = b'?';
+    let magic = u32::from_le_bytes(motionette::blob::MAGIC);
+    assert_eq!(open(&mut model, &damaged), result(mtn_error::NotABlob, 0, magic & !0xFF | u32::from(b'?'), magic));
+}
+
+#[test]
+fn storage_must_be_opened_and_not_copied() {
+    let mut model: Box<mtn_model> = zeroed();
+    assert_eq!(open(&mut model, &BLOB), FINE);
+    let limits = mtn_limits { frames: 60, words: 8, anchors: 2, steps: 5, evaluations: 20, guidance: 2.0 };
+    let mut plan: Box<mtn_plan> = zeroed();
+    // SAFETY: everything is valid, `copy` holds the bits of an opened model.
+    unsafe {
+        assert_eq!(mtn_model_plan(&*model, &limits, &mut *plan), FINE);
+        let copy = Box::new(ptr::read(&*model));
+        assert_eq!(mtn_model_plan(&*copy, &limits, &mut *plan), result(mtn_error::NotOpened, 0, 0, 0));
+        assert_eq!(mtn_self_test(&mut *zeroed()), result(mtn_error::NotOpened, 0, 0, 0));
+    }
+    // A refused blob closes what was open.
+    assert_eq!(open(&mut model, &BLOB[..1000]).error, mtn_error::BlobTruncated);
+    // SAFETY: as above.
+    let closed = unsafe { mtn_model_plan(&*model, &limits, &mut *plan) };
+    assert_eq!(closed, result(mtn_error::NotOpened, 0, 0, 0));
+}
+
+#[test]
+fn the_plan_is_what_a_request_takes() {
+    let mut model: Box<mtn_model> = zeroed();
+    assert_eq!(open(&mut model, &BLOB), FINE);
+    let plan_of = |limits: mtn_limits| {
+        let mut plan: Box<mtn_plan> = zeroed();
+        // SAFETY: everything is valid.
+        let planned = unsafe { mtn_model_plan(&*model, &limits, &mut *plan) };
+        if planned == FINE { Ok(*plan) } else { Err(planned) }
+    };
+    let limits = mtn_limits { frames: 32, words: 0, anchors: 2, steps: 0, evaluations: 20, guidance: 0.0 };
+    let plan = plan_of(limits).unwrap();
+    assert_eq!(plan.planning_macs, 0);
+    let anchors = [ROOT, WRIST];
+    assert_eq!(Bench::new(plan.arena_bytes).generate(&through(&anchors)).unwrap().arena_used, plan.arena_bytes);
+    let needed = u32::try_from(plan.arena_bytes).unwrap();
+    let refused = Bench::new(plan.arena_bytes - 16).refused(&through(&anchors));
+    assert_eq!(refused, result(mtn_error::ArenaTooSmall, 0, needed - 16, needed));
+
+    let words = mtn_limits { words: 4, steps: 1, guidance: 2.0, ..limits };
+    let plan = plan_of(words).unwrap();
+    let request = mtn_request { frames: 32, ..text(c"a person walks forward") };
+    let request = mtn_request { anchors: anchors.as_ptr(), anchor_count: anchors.len(), ..request };
+    assert_eq!(Bench::new(plan.arena_bytes).generate(&request).unwrap().arena_used, plan.arena_bytes);
+    assert_eq!(
+        plan_of(mtn_limits { frames: 0, ..words }).unwrap(),
+        plan_of(mtn_limits { frames: 196, ..words }).unwrap()
+    );
+
+    let refused = |limits| plan_of(limits).unwrap_err();
+    assert_eq!(refused(mtn_limits { frames: 197, ..limits }), result(mtn_error::MotionLength, 0, 50, 49));
+    assert_eq!(refused(mtn_limits { frames: usize::MAX, ..limits }).error, mtn_error::MotionLength);
+    assert_eq!(refused(mtn_limits { anchors: 33, ..limits }), result(mtn_error::TooManyAnchors, 0, 33, 32));
+    assert_eq!(refused(mtn_limits { steps: 0, ..words }), result(mtn_error::Steps, 0, 0, 1000));
+    assert_eq!(refused(mtn_limits { words: 1000, ..words }).error, mtn_error::PromptTooManyWords);
+}
+
+#[test]
+fn anchors_are_refused_by_place() {
+    let mut bench = Bench::new(1 << 18);
+    let mut refused = |second: mtn_anchor| bench.refused(&through(&[ROOT, second]));
+    assert_eq!(refused(mtn_anchor { family: 3, ..WRIST }), result(mtn_error::UnknownFamily, 1, 3, 0));
+    assert_eq!(refused(mtn_anchor { joint: 22, ..WRIST }), result(mtn_error::AnchorJoint, 1, 22, 22));
+    assert_eq!(refused(mtn_anchor { frame: 32, ..WRIST }), result(mtn_error::AnchorFrame, 1, 32, 32));
+    let nan = mtn_anchor { position: [0.0, f32::NAN, 0.0], ..WRIST };
+    assert_eq!(refused(nan), result(mtn_error::AnchorNotFinite, 1, 0, 0));
+    let far = mtn_anchor { position: [0.0, 2000.0, 0.0], ..WRIST };
+    assert_eq!(refused(far), result(mtn_error::AnchorTooFar, 1, 0, 1000));
+    let elsewhere = mtn_anchor { position: [9.0, 0.9, 0.5], ..ROOT };
+    assert_eq!(refused(elsewhere), result(mtn_error::AnchorConflict, 1, 0, 0));
+    let many = [ROOT; MTN_MAX_ANCHORS + 1];
+    assert_eq!(bench.refused(&through(&many)), result(mtn_error::TooManyAnchors, 0, 33, 32));
+    // The height of a planar anchor and the joint of a root anchor are not looked at.
+    let planar = mtn_anchor { position: [0.0, f32::NAN, 0.4], family: MTN_FAMILY_PLANAR, joint: 99, ..WRIST };
+    assert!(bench.generate(&through(&[ROOT, planar])).is_ok());
+}
+
+#[test]
+fn requests_are_refused_with_their_numbers() {
+    let mut bench = Bench::new(1 << 18);
+    let mut refused = |request: mtn_request| bench.refused(&request);
+    assert_eq!(refused(mtn_request_default()), result(mtn_error::Source, 0, 0, 1));
+    assert_eq!(refused(mtn_request { text: c"wave".as_ptr(), ..tokens() }), result(mtn_error::Source, 0, 2, 1));
+    assert_eq!(refused(mtn_request { token_count: 0, ..tokens() }), result(mtn_error::TokenCount, 0, 0, 49));
+    let unknown = [3, 60000];
+    let request = mtn_request { tokens: unknown.as_ptr(), token_count: 2, ..tokens() };
+    assert_eq!(refused(request), result(mtn_error::TokenOutOfRange, 1, 60000, 512));
+    assert_eq!(refused(text(c" .")), result(mtn_error::PromptEmpty, 0, 0, 0));
+    assert_eq!(refused(text(c"walk \xFF")), result(mtn_error::PromptNotUtf8, 5, 0, 0));
+    assert_eq!(refused(text(c"zorb frumious")), result(mtn_error::PromptUnknownWords, 0, 2, 0));
+    let mut long = vec![b'a'; 5000];
+    long.push(0);
+    let long = CStr::from_bytes_with_nul(&long).unwrap();
+    assert_eq!(refused(text(long)), result(mtn_error::PromptTooLong, 0, 4097, 4096));
+    assert_eq!(refused(mtn_request { steps: 0, ..text(c"walk") }), result(mtn_error::Steps, 0, 0, 1000));
+    assert_eq!(refused(mtn_request { guidance: f32::NAN, ..text(c"walk") }).error, mtn_error::Guidance);
+    assert_eq!(refused(mtn_request { frames: 200, ..text(c"walk") }), result(mtn_error::MotionLength, 0, 50, 49));
+    let name = mtn_request { stored: c"no such prompt".as_ptr(), ..mtn_request_default() };
+    assert_eq!(refused(name).error, mtn_error::PromptNotStored);
+    let motion = bench.generate(&text(c"a person zorbs forward")).unwrap();
+    assert_eq!((motion.words, motion.unknown_words, motion.frames), (4, 1, 8));
+}
+
+#[test]
+fn a_motion_has_the_bits_of_the_rust_library() {
+    let mut bench = Bench::new(1 << 18);
+    let anchors = [ROOT, WRIST];
+    let motion = bench.generate(&mtn_request { evaluations: 5, ..through(&anchors) }).unwrap();
+    let mut hash = 0;
+    // SAFETY: the motion is the last one of its generator.
+    assert_eq!(unsafe { mtn_motion_hash(&motion, &mut hash) }, FINE);
+    // SAFETY: as above.
+    let joints = unsafe { core::slice::from_raw_parts(motion.joints, motion.frames) };
+
+    // SAFETY: the blocks are contiguous bytes.
+    let (_, blob, _) = unsafe { BLOB.align_to::<u8>() };
+    let mut arena = vec![0; 1 << 18];
+    let mut generator = Generator::new(Model::open(blob).unwrap(), &mut arena).unwrap();
+    let anchors = [motionette::Anchor::root(28, [0.1, 0.9, 0.5]), motionette::Anchor::joint(16, 21, [-0.3, 1.4, 0.4])];
+    let request = Request::tokens(&TOKENS).through(&anchors).refined(motionette::refining::Config::fast(5));
+    let expected = generator.generate(&request, &mut ()).unwrap();
+    assert_eq!(hash, expected.hash());
+    assert_eq!(joints, expected.frames());
+    let after = expected.refinement.unwrap().after.unwrap();
+    assert_eq!((motion.control_error, motion.worst_error), (after.mean, after.worst));
+    assert_eq!((motion.frame_rate, motion.token_count), (20, 8));
+    // SAFETY: everything is valid.
+    assert_eq!(unsafe { mtn_self_test(&mut *bench.generator) }, FINE);
+}
+
+/// What a callback is to answer, and what it saw.
+struct Watched {
+    generator: *mut mtn_generator,
+    answer: mtn_flow,
+    calls: usize,
+    measured: usize,
+    inside: mtn_result,
+}
+
+unsafe extern "C" fn watch(context: *mut c_void, progress: *const mtn_progress) -> mtn_flow {
+    // SAFETY: the test passes a `Watched`.
+    let watched = unsafe { &mut *context.cast::<Watched>() };
+    // SAFETY: valid during the call.
+    let progress = unsafe { &*progress };
+    watched.calls += 1;
+    watched.measured += usize::from(progress.control_error >= 0.0);
+    // SAFETY: refused, because the generator is at work.
+    watched.inside = unsafe { mtn_self_test(watched.generator) };
+    if progress.stage == mtn_stage::Refining && watched.measured >= 2 { watched.answer } else { MTN_FLOW_CONTINUE }
+}
+
+#[test]
+fn callbacks_finish_abort_and_cannot_use_the_generator() {
+    let mut bench = Bench::new(1 << 18);
+    let (anchors, mut motion) = ([ROOT, WRIST], zeroed::<mtn_motion>());
+    let mut run = |answer| {
+        let generator: *mut mtn_generator = &mut *bench.generator;
+        let mut watched = Watched { generator, answer, calls: 0, measured: 0, inside: FINE };
+        let context = ptr::from_mut(&mut watched).cast();
+        // SAFETY: everything is valid.
+        let made = unsafe { mtn_generate(generator, &through(&anchors), Some(watch), context, &mut *motion) };
+        assert_eq!(watched.inside, result(mtn_error::Busy, 0, 0, 0));
+        (made, watched.calls, motion.evaluations)
+    };
+    let (made, all, evaluations) = run(MTN_FLOW_CONTINUE);
+    assert!(made == FINE && evaluations > 3, "{evaluations}");
+    let (made, some, evaluations) = run(MTN_FLOW_FINISH);
+    assert!(made == FINE && some < all && evaluations == 2, "{evaluations}");
+    for answer in [MTN_FLOW_ABORT, 77] {
+        let (made, fewer, _) = run(answer);
+        assert_eq!(made, result(mtn_error::Aborted, 0, 0, 0));
+        assert!(fewer < some);
+    }
+    assert_eq!(run(MTN_FLOW_CONTINUE), (FINE, all, run(MTN_FLOW_CONTINUE).2));
+}
+
+#[test]
+fn messages_are_c_strings() {
+    // SAFETY: the library returns a zero-terminated string.
+    let message = unsafe { CStr::from_ptr(mtn_error_message(mtn_error::ArenaTooSmall as i32)) };
+    assert_eq!(message, c"the arena is too small for the request");
+}
