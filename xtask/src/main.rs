@@ -30,8 +30,10 @@ enum Task {
     Twin(steps::twin::Options),
     /// Feeds mutated blobs and hostile requests to the runtime; nothing may panic.
     Fuzz(steps::fuzz::Options),
-    /// Builds the bare-metal images for the Cortex-M4F, M7 and M33.
+    /// Builds the bare-metal images for the Cortex-M4F, M7 and M33, and the runtime for cores without FPU.
     Firmware,
+    /// Builds and tests the C library and runs its example on QEMU's Cortex-M4F; the desktop must print the same.
+    C(steps::c::Options),
 }
 
 fn main() -> ExitCode {
@@ -40,6 +42,7 @@ fn main() -> ExitCode {
         Task::Twin(options) => steps::twin::run(&options),
         Task::Fuzz(options) => steps::fuzz::run(&options),
         Task::Firmware => firmware::build_all().map(drop),
+        Task::C(options) => steps::c::run(&options),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -33,6 +33,20 @@ pub const CHROMIUM: Tool = Tool {
     elsewhere: "Fedora: sudo dnf install chromium | Arch: sudo pacman -S chromium | macOS: brew install chromium",
 };
 
+/// Compiles C for the Cortex-M4F.
+pub const C_COMPILER: Tool = Tool {
+    programs: &["arm-none-eabi-gcc", "clang"],
+    package: "clang",
+    elsewhere: "Fedora: sudo dnf install arm-none-eabi-gcc-cs | Arch: sudo pacman -S arm-none-eabi-gcc | macOS: brew install arm-none-eabi-gcc",
+};
+
+/// Links what clang compiled.
+pub const LLD: Tool = Tool {
+    programs: &["ld.lld"],
+    package: "lld",
+    elsewhere: "Fedora: sudo dnf install lld | Arch: sudo pacman -S lld | macOS: brew install lld",
+};
+
 /// Makes sure that every tool in `tools` is there.
 ///
 /// # Errors

@@ -72,7 +72,8 @@ pub fn capture(command: &mut Command) -> Option<String> {
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
-fn announce(command: &Command) {
+/// Shows `command` as one would type it.
+pub fn announce(command: &Command) {
     let folder = command.get_current_dir().and_then(|folder| folder.strip_prefix(root()).ok());
     match folder.filter(|folder| !folder.as_os_str().is_empty()) {
         Some(folder) => eprintln!("$ (cd {} && {})", folder.display(), display(command)),

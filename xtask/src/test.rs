@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 
 use crate::{
     firmware, setup, shell,
-    steps::{fuzz, twin},
+    steps::{c, fuzz, twin},
     toolchain::{THUMB_V7, Toolchain},
 };
 
@@ -32,8 +32,10 @@ enum Step {
     Test,
     /// A bounded run of the fuzzer.
     Fuzz,
-    /// The images for the Cortex-M4F, M7 and M33 build.
+    /// The images for the Cortex-M4F, M7 and M33 build, and the runtime for cores without FPU.
     Firmware,
+    /// The C library: its header is current, its example runs in QEMU and prints what the desktop does.
+    C,
     /// Desktop, Cortex-M4F and Cortex-M7 agree in every bit.
     Twin,
     /// The documentation builds without a warning.
@@ -63,6 +65,7 @@ impl Step {
             Self::Test => return cargo_test(),
             Self::Fuzz => fuzz::run(&fuzz::Options { cases: FUZZ_CASES, seed: 1 }),
             Self::Firmware => firmware::build_all(),
+            Self::C => c::run(&c::Options::default()),
             Self::Twin => twin::run(&twin::Options::default()),
             Self::Docs => docs(),
         }
@@ -122,7 +125,7 @@ pub fn run(options: &Options) -> Result<()> {
 fn set_up() -> Result<()> {
     setup::ensure_components()?;
     let toolchain = Toolchain::ensure()?;
-    setup::ensure(&[&setup::QEMU, &setup::CHROMIUM])?;
+    setup::ensure(&[&setup::QEMU, &setup::CHROMIUM, &setup::C_COMPILER])?;
     println!("firmware is built with the {} toolchain", toolchain.name());
     Ok(())
 }
@@ -130,7 +133,10 @@ fn set_up() -> Result<()> {
 fn fmt() -> Result<()> {
     setup::ensure_components()?;
     shell::run(shell::cargo().args(["fmt", "--all", "--check"]))?;
-    shell::run(shell::cargo().args(["fmt", "--check"]).current_dir(firmware::package()))
+    for package in [firmware::package(), c::package()] {
+        shell::run(shell::cargo().args(["fmt", "--check"]).current_dir(package))?;
+    }
+    Ok(())
 }
 
 fn clippy() -> Result<()> {
@@ -141,7 +147,7 @@ fn clippy() -> Result<()> {
         let mut clippy = firmware::image_cargo(toolchain, "clippy", THUMB_V7, image, image);
         shell::run(clippy.args(["--", "--deny", "warnings"]))?;
     }
-    Ok(())
+    c::clippy(toolchain)
 }
 
 /// Runs all tests and counts them from cargo's own summary lines.
@@ -174,7 +180,8 @@ fn summary(line: &str) -> Option<Count> {
 fn docs() -> Result<()> {
     let mut doc = shell::cargo();
     doc.args(["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "--deny warnings");
-    shell::run(&mut doc)
+    shell::run(&mut doc)?;
+    c::docs()
 }
 
 #[cfg(test)]

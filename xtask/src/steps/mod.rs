@@ -1,4 +1,5 @@
 //! Checks that are commands of their own as well as steps of `cargo xtask test`.
 
+pub mod c;
 pub mod fuzz;
 pub mod twin;
