@@ -1,58 +1,93 @@
 //! Building the bare-metal images of `firmware-sim/cortex-m`.
 
 use std::{
+    fs,
     path::{Path, PathBuf},
     process::Command,
 };
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
 use crate::{
     shell,
     toolchain::{RISCV, THUMB_V6, THUMB_V7, THUMB_V8, Toolchain},
 };
 
-/// ELF files of one target.
-pub struct Images {
-    /// Runs the seeded requests.
-    pub twin: PathBuf,
-    /// The runtime's public road and nothing else.
-    pub check: PathBuf,
+/// A core that images are built for.
+pub struct Core {
+    /// Short name, as the twin and the bench know it.
+    pub name: &'static str,
+    title: &'static str,
+    /// Its target.
+    pub target: &'static str,
+    /// Feature that chooses its kernels, where the target does not.
+    kernels: Option<&'static str>,
 }
+
+/// Cortex-M4F; its images run on the Cortex-M7 as well.
+pub const M4: Core = Core { name: "m4", title: "Cortex-M4F, M7", target: THUMB_V7, kernels: None };
+/// Cortex-M33 with the DSP extension.
+pub const M33: Core = Core { name: "m33", title: "Cortex-M33", target: THUMB_V8, kernels: Some("dsp") };
+/// Cortex-M55 with integer MVE.
+pub const M55: Core = Core { name: "m55", title: "Cortex-M55", target: THUMB_V8, kernels: Some("mve") };
+/// All of them.
+pub const CORES: [Core; 3] = [M4, M33, M55];
+
+/// Symbol that the gate's panic handler calls and nobody defines.
+const UNDEFINED: &str = "a_panic_is_reachable";
 
 /// Folder of the images' package.
 pub fn package() -> PathBuf {
     shell::root().join("firmware-sim/cortex-m")
 }
 
-/// Builds both images for `target`, with `blob` embedded (default: the bundled model).
+/// Builds `image` with the features that it needs for `core`, with `blob` embedded (default: the bundled model). Returns a
+/// copy that builds for other cores leave alone.
 ///
 /// # Errors
 /// When the build fails.
-pub fn build(toolchain: Toolchain, target: &str, blob: Option<&Path>) -> Result<Images> {
-    let folder = package().join("target").join(toolchain.name());
-    for image in ["twin", "check"] {
-        let mut cargo = image_cargo(toolchain, "build", target, image, image);
-        if let Some(blob) = blob {
-            cargo.env("MOTIONETTE_BLOB", std::path::absolute(blob)?);
-        }
-        shell::run(&mut cargo)?;
+pub fn build(toolchain: Toolchain, core: &Core, image: &str, blob: Option<&Path>) -> Result<PathBuf> {
+    let feature = if image == "request" { "bench" } else { image };
+    let mut cargo = image_cargo(toolchain, "build", core, image, feature);
+    if let Some(blob) = blob {
+        cargo.env("MOTIONETTE_BLOB", std::path::absolute(blob)?);
     }
-    let image = |name| folder.join(target).join("release").join(name);
-    Ok(Images { twin: image("twin"), check: image("check") })
+    shell::run(&mut cargo)?;
+    let folder = package().join("target").join(toolchain.name());
+    let images = folder.join("images").join(core.name);
+    fs::create_dir_all(&images).with_context(|| format!("cannot make {}", images.display()))?;
+    let copy = images.join(image);
+    let built = folder.join(core.target).join("release").join(image);
+    fs::copy(&built, &copy).with_context(|| format!("cannot copy {} to {}", built.display(), copy.display()))?;
+    Ok(copy)
 }
 
 /// Links the check image with a panic handler that calls a symbol nobody defines: one reachable panic fails it.
-fn refuse_panics(toolchain: Toolchain, target: &str) -> Result<()> {
-    shell::run(&mut image_cargo(toolchain, "build", target, "check", "gate"))
+fn refuse_panics(toolchain: Toolchain, core: &Core) -> Result<()> {
+    shell::run(&mut image_cargo(toolchain, "build", core, "check", "gate"))
         .context("code that a panic can be reached from is in the runtime (or the build failed); `cargo xtask twin` lists the call sites")
 }
 
-/// `cargo SUBCOMMAND` for one image with one feature, in release, into the toolchain's own folder.
-pub fn image_cargo(toolchain: Toolchain, subcommand: &str, target: &str, image: &str, feature: &str) -> Command {
-    let mut cargo = toolchain.cargo(subcommand, target);
-    cargo.args(["--release", "--bin", image, "--features", feature, "--target-dir"]);
-    cargo.arg(Path::new("target").join(toolchain.name())).current_dir(package());
+/// The gate must not link when an index that nobody checks is planted beside the runtime.
+fn refuse_a_planted_panic(toolchain: Toolchain, core: &Core) -> Result<()> {
+    let mut cargo = image_cargo(toolchain, "build", core, "check", "planted");
+    let output = cargo.output().context("cannot start cargo")?;
+    let message = String::from_utf8_lossy(&output.stderr);
+    if output.status.success() {
+        bail!("the gate links although a panic is reachable: it proves nothing");
+    }
+    if !message.contains(UNDEFINED) {
+        bail!("the gate with a planted panic failed for another reason than its undefined symbol:\n{message}");
+    }
+    Ok(())
+}
+
+/// `cargo SUBCOMMAND` for one image with one feature beside the core's own, in release, into the toolchain's own folder.
+pub fn image_cargo(toolchain: Toolchain, subcommand: &str, core: &Core, image: &str, feature: &str) -> Command {
+    let mut cargo = toolchain.cargo(subcommand, core.target);
+    cargo.args(["--release", "--bin", image, "--features", feature]);
+    cargo.args(core.kernels.map(|kernels| ["--features", kernels]).into_iter().flatten());
+    cargo.arg("--target-dir").arg(Path::new("target").join(toolchain.name())).current_dir(package());
     cargo
 }
 
@@ -64,17 +99,19 @@ fn build_runtime(toolchain: Toolchain, target: &str) -> Result<()> {
     shell::run(&mut cargo)
 }
 
-/// Builds the images for the Cortex-M4F and M7 (one target) and the Cortex-M33, prints where they are, and compiles the
-/// runtime for cores without floating-point unit.
+/// Builds the images for all cores, prints where they are, and compiles the runtime for cores without floating-point unit.
 ///
 /// # Errors
 /// When no compiler for the targets can be had, a build fails, or a panic is reachable in the runtime.
 pub fn build_all() -> Result<()> {
     let toolchain = Toolchain::ensure()?;
-    for (core, target) in [("Cortex-M4F, M7", THUMB_V7), ("Cortex-M33", THUMB_V8)] {
-        refuse_panics(toolchain, target)?;
-        let images = build(toolchain, target, None)?;
-        println!("{core}: {} and {}", relative(&images.twin), relative(&images.check));
+    refuse_a_planted_panic(toolchain, &M4)?;
+    for core in &CORES {
+        refuse_panics(toolchain, core)?;
+        let images = ["twin", "check"].map(|image| build(toolchain, core, image, None));
+        for image in images {
+            println!("{}: {}", core.title, relative(&image?));
+        }
     }
     for (core, target) in [("Cortex-M0, M0+", THUMB_V6), ("RISC-V without FPU", RISCV)] {
         build_runtime(toolchain, target)?;

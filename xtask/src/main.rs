@@ -26,11 +26,11 @@ struct Cli {
 enum Task {
     /// Sets the machine up, then runs every check: format, lints, tests, firmware, digital twin, documentation.
     Test(test::Options),
-    /// Runs the seeded requests on the desktop and on QEMU's Cortex-M4F and M7, and compares every bit.
+    /// Runs the seeded requests on the desktop and on QEMU's Cortex-M4F, M7, M33 and M55, and compares every bit.
     Twin(steps::twin::Options),
     /// Feeds mutated blobs and hostile requests to the runtime; nothing may panic.
     Fuzz(steps::fuzz::Options),
-    /// Builds the bare-metal images for the Cortex-M4F, M7 and M33, and the runtime for cores without FPU.
+    /// Builds the bare-metal images for the Cortex-M4F, M7, M33 and M55, and the runtime for cores without FPU.
     Firmware,
     /// Builds and tests the C library and runs its example on QEMU's Cortex-M4F; the desktop must print the same.
     C(steps::c::Options),

@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use crate::{
     firmware, setup, shell,
     steps::{c, fuzz, twin},
-    toolchain::{THUMB_V7, Toolchain},
+    toolchain::Toolchain,
 };
 
 /// Options of `cargo xtask test`.
@@ -32,11 +32,12 @@ enum Step {
     Test,
     /// A bounded run of the fuzzer.
     Fuzz,
-    /// The images for the Cortex-M4F, M7 and M33 build, and the runtime for cores without FPU.
+    /// The images for the Cortex-M4F, M7, M33 and M55 build, a planted panic fails the gate, and the runtime builds for cores
+    /// without FPU.
     Firmware,
     /// The C library: its header is current, its example runs in QEMU and prints what the desktop does.
     C,
-    /// Desktop, Cortex-M4F and Cortex-M7 agree in every bit.
+    /// Desktop, Cortex-M4F, M7, M33 and M55 agree in every bit.
     Twin,
     /// The documentation builds without a warning.
     Docs,
@@ -143,8 +144,8 @@ fn clippy() -> Result<()> {
     setup::ensure_components()?;
     shell::run(shell::cargo().args(["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"]))?;
     let toolchain = Toolchain::ensure()?;
-    for image in ["twin", "check"] {
-        let mut clippy = firmware::image_cargo(toolchain, "clippy", THUMB_V7, image, image);
+    for (image, feature) in [("twin", "twin"), ("check", "check"), ("bench", "bench"), ("request", "bench")] {
+        let mut clippy = firmware::image_cargo(toolchain, "clippy", &firmware::M4, image, feature);
         shell::run(clippy.args(["--", "--deny", "warnings"]))?;
     }
     c::clippy(toolchain)

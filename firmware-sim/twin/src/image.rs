@@ -38,6 +38,21 @@ pub struct PanicSite {
     pub callee: String,
 }
 
+/// Start and name of every function, in order of their addresses.
+///
+/// # Errors
+/// When `elf` is no 32-bit ELF file.
+pub fn functions(elf: &[u8]) -> Result<Vec<(u64, String)>> {
+    let file = parse(elf)?;
+    let mut functions: Vec<(u64, String)> = file
+        .symbols()
+        .filter(|symbol| symbol.kind() == SymbolKind::Text && symbol.is_definition())
+        .filter_map(|symbol| Some((symbol.address() & !1, demangle(symbol.name().ok()?))))
+        .collect();
+    functions.sort();
+    Ok(functions)
+}
+
 /// Every reference from live code to a function that panics, read from the relocations that `--emit-relocs` kept.
 ///
 /// # Errors

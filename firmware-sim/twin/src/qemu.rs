@@ -30,6 +30,12 @@ pub const M7: Machine = Machine { name: "m7", title: "Cortex-M7 (mps2-an500)", o
 pub const M33: Machine =
     Machine { name: "m33", title: "Cortex-M33 (mps2-an505)", options: &["-machine", "mps2-an505"] };
 
+/// ARM MPS3 with a Cortex-M55.
+pub const M55: Machine =
+    Machine { name: "m55", title: "Cortex-M55 (mps3-an547)", options: &["-machine", "mps3-an547"] };
+/// All of them.
+pub const MACHINES: [Machine; 4] = [M4, M7, M33, M55];
+
 /// What a run left behind.
 pub struct Run {
     /// Bytes the image wrote to the semihosting console.
@@ -45,11 +51,29 @@ pub struct Run {
 /// # Errors
 /// When QEMU cannot be started, does not end within `limit`, or is killed.
 pub fn run(machine: Machine, image: &Path, limit: Duration) -> Result<Run> {
+    run_with(machine, image, limit, &[])
+}
+
+/// The same with the plugin that counts instructions; what it reports comes second. `places` adds counts of addresses.
+///
+/// # Errors
+/// As [`run`], and when the plugin's report cannot be read.
+pub fn count(machine: Machine, image: &Path, limit: Duration, plugin: &Path, places: bool) -> Result<(Run, String)> {
+    let report = tempfile::NamedTempFile::new().context("cannot make a file for the plugin's report")?;
+    let plugin = format!("{}{}", plugin.display(), if places { ",places=1" } else { "" });
+    let path = report.path().display().to_string();
+    let run = run_with(machine, image, limit, &["-plugin", &plugin, "-d", "plugin", "-D", &path])?;
+    let text = std::fs::read_to_string(report.path()).context("cannot read the plugin's report")?;
+    Ok((run, text))
+}
+
+fn run_with(machine: Machine, image: &Path, limit: Duration, more: &[&str]) -> Result<Run> {
     let mut console = tempfile::tempfile().context("cannot make a file for the console output")?;
     let start = Instant::now();
     let mut child = Command::new("qemu-system-arm")
         .args(machine.options)
         .args(["-display", "none", "-monitor", "none", "-serial", "none", "-parallel", "none"])
+        .args(more)
         .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
         .arg(image)
         .stdin(Stdio::null())

@@ -6,8 +6,9 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::{
-    firmware, setup, shell,
-    toolchain::{THUMB_V7, THUMB_V8, Toolchain},
+    firmware::{self, M4, M33, M55},
+    setup, shell,
+    toolchain::Toolchain,
 };
 
 /// The model that the images embed by default.
@@ -34,11 +35,11 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<()> {
     setup::ensure(&[&setup::QEMU])?;
     let toolchain = Toolchain::ensure()?;
-    let v7 = firmware::build(toolchain, THUMB_V7, options.blob.as_deref())?;
-    let v8 = firmware::build(toolchain, THUMB_V8, options.blob.as_deref())?;
+    let build = |core, image| firmware::build(toolchain, core, image, options.blob.as_deref());
     let mut compare = shell::cargo();
-    compare.args(["run", "--quiet", "--package", "motionette-twin", "--", "--image"]).arg(&v7.twin);
-    compare.arg("--m33-image").arg(&v8.twin).arg("--check").arg(&v7.check);
+    compare.args(["run", "--quiet", "--package", "motionette-twin", "--bin", "motionette-twin", "--"]);
+    compare.arg("--image").arg(build(&M4, "twin")?).arg("--m33-image").arg(build(&M33, "twin")?);
+    compare.arg("--m55-image").arg(build(&M55, "twin")?).arg("--check").arg(build(&M4, "check")?);
     let blob = options.blob.clone().unwrap_or_else(|| shell::root().join(BUNDLED_BLOB));
     compare.arg("--blob").arg(std::path::absolute(blob)?);
     compare.args(options.log.then_some("--log")).args(options.json.then_some("--json"));

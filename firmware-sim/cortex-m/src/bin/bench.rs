@@ -1,6 +1,6 @@
 //! The bench image: proves on the device that its kernels are the portable ones bit for bit, then runs layers between the
-//! marks that `firmware-sim/bench/count.c` counts instructions between. Region numbers are those of `REGIONS` in
-//! `motionette-bench`.
+//! marks that `firmware-sim/twin/count.c` counts instructions between. The program `motionette-bench` knows
+//! what the regions are.
 #![no_std]
 #![no_main]
 

@@ -115,6 +115,8 @@ fn main() -> ! {
     // Slices, so that the optimiser does not know their lengths.
     let (blob, tokens, u, text): (&[u8], &[u16], &[f32], &str) = black_box((&[], &[0], &[], "wave"));
     let (anchors, fixed): (&[Anchor], &[Fixed]) = black_box((&anchors, &fixed));
+    #[cfg(feature = "planted")]
+    black_box(tokens[black_box(7)]);
     let result = serve(blob, black_box(&mut arena), tokens, u, anchors, (text, fixed));
     let _ = black_box(result);
     loop {

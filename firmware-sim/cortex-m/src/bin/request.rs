@@ -1,5 +1,5 @@
 //! The standard request of the budgets (49 tokens from text with guidance, two root anchors and two wrists, default
-//! refinement), between the marks that `firmware-sim/bench/count.c` counts instructions between: the model opened, the
+//! refinement), between the marks that `firmware-sim/twin/count.c` counts instructions between: the model opened, the
 //! whole request, then the same request once more stage by stage.
 #![no_std]
 #![no_main]
@@ -73,13 +73,14 @@ fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
     mark!("0");
     let report = motion.refinement;
     println!(
-        "bench hash={:016x} plan_macs={} evaluations={} gradients={} stack={} arena={}",
+        "bench hash={} plan_macs={} evaluations={} gradients={} stack={} arena={} generator={}",
         motion.hash(),
         plan.macs,
         report.map_or(0, |r| r.evaluations),
         report.map_or(0, |r| r.gradients),
         stack::high_water(),
-        motion.arena_used
+        motion.arena_used,
+        size_of::<Generator<'_>>()
     );
     generator.generate(&request, &mut Stages)?;
     mark!("0");

@@ -1,11 +1,6 @@
 //! Runs the seeded requests on the desktop and the bare-metal images in QEMU, decodes their defmt output, and compares every
 //! bit. Started by `cargo xtask twin`, which builds the images first.
 
-mod image;
-mod log;
-mod qemu;
-mod report;
-
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -22,8 +17,11 @@ use motionette_sim::{
     bundle::Bundle,
     twin::{self, Digest},
 };
-use qemu::{M4, M7, M33, Machine};
-use report::Report;
+use motionette_twin::{
+    image, log,
+    qemu::{self, M4, M7, M33, M55, Machine},
+    report::{self, Report},
+};
 use serde_json::json;
 
 /// Compares the desktop with emulated Cortex-M cores, bit for bit.
@@ -38,6 +36,9 @@ struct Options {
     /// Twin image for the Cortex-M33.
     #[arg(long, value_name = "ELF")]
     m33_image: PathBuf,
+    /// Twin image for the Cortex-M55.
+    #[arg(long, value_name = "ELF")]
+    m55_image: PathBuf,
     /// Model that the images embed.
     #[arg(long, value_name = "FILE")]
     blob: PathBuf,
@@ -68,7 +69,7 @@ fn main() -> ExitCode {
 
 fn run(options: &Options) -> Result<bool> {
     let limit = Duration::from_secs(options.limit);
-    let jobs = [(M4, &options.image), (M7, &options.image), (M33, &options.m33_image)];
+    let jobs = [(M4, &options.image), (M7, &options.image), (M33, &options.m33_image), (M55, &options.m55_image)];
     // Emulation is single-threaded: the machines run side by side.
     let (desktop, machines) = thread::scope(|scope| {
         let running: Vec<_> = jobs
@@ -148,7 +149,11 @@ fn summary(options: &Options, desktop: &[Digest], machines: &[(Machine, Report)]
     let text_bytes = image::text_bytes(&image)?;
     let runtime_text_bytes = image::text_bytes(&check)?;
     let sites = image::panic_sites(&check)?;
-    let (fused, chained) = image::multiply_adds(&image)?;
+    let (mut fused, mut chained) = image::multiply_adds(&image)?;
+    for other in [&options.m33_image, &options.m55_image] {
+        let (more_fused, more_chained) = image::multiply_adds(&fs::read(other)?)?;
+        (fused, chained) = (fused + more_fused, chained + more_chained);
+    }
     let largest = |value: fn(&Report) -> usize| machines.iter().map(|(_, report)| value(report)).max().unwrap_or(0);
     let stack_bytes = largest(|report| report.stack_bytes);
     let high_water = largest(|report| report.arena_high_water_bytes);
@@ -197,7 +202,7 @@ fn summary(options: &Options, desktop: &[Digest], machines: &[(Machine, Report)]
         bail!("the painted arena shows {high_water} bytes, the largest request says it took {used}");
     }
     if fused > 0 {
-        bail!("the image holds {fused} fused multiply-adds: they round once and give other bits than the desktop");
+        bail!("the images hold {fused} fused multiply-adds: they round once and give other bits than the desktop");
     }
     Ok(())
 }

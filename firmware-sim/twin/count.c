@@ -1,11 +1,11 @@
 /* Counts the guest instructions of an emulated Cortex-M, exactly and the same in every run: a plugin for QEMU's TCG.
  *
  * The guest marks what is counted with the hint DBG #n, which does nothing on silicon: #1 to #14 begin region n and end
- * the one before, #0 ends it. Markers themselves are not counted. With `blocks=1` every translated block inside a region
- * is reported as well, to be assigned to functions by its address.
+ * the one before, #0 ends it. Markers themselves are not counted. With `places=1` the counts of
+ * every address inside a region are reported as well, to be assigned to functions.
  *
  *     cc -O2 -fPIC -shared -o count.so count.c
- *     qemu-system-arm ... -plugin ./count.so[,blocks=1] -d plugin -D log
+ *     qemu-system-arm ... -plugin ./count.so[,places=1] -d plugin -D log
  *
  * What is declared here is the part of version 1 of the plugin interface (QEMU 5 to 8) that is used: distributions ship
  * programs that export it, but no header.
@@ -40,7 +40,7 @@ static uint64_t executed;
 static uint64_t began;
 static int region;
 static uint64_t counts[REGIONS], entries[REGIONS];
-static bool blocks;
+static bool by_place;
 
 /* Instructions executed at one address, those inside a region taken off at its end. */
 struct place {
@@ -75,13 +75,13 @@ static void marker(unsigned vcpu, void *number)
     (void)vcpu;
     if (region) {
         counts[region] += executed - began;
-        if (blocks) for_places(place_ends);
+        if (by_place) for_places(place_ends);
     }
     region = (int)(intptr_t)number % REGIONS;
     if (!region) return;
     entries[region]++;
     began = executed;
-    if (blocks) for_places(place_begins);
+    if (by_place) for_places(place_begins);
 }
 
 static void translated(plugin_id id, struct qemu_plugin_tb *block)
@@ -97,7 +97,7 @@ static void translated(plugin_id id, struct qemu_plugin_tb *block)
             continue;
         }
         qemu_plugin_register_vcpu_insn_exec_inline(insn, ADD, &executed, 1);
-        if (blocks)
+        if (by_place)
             qemu_plugin_register_vcpu_insn_exec_inline(insn, ADD, &place_at(qemu_plugin_insn_vaddr(insn))->executed, 1);
     }
 }
@@ -120,13 +120,13 @@ static void report(plugin_id id, void *unused)
         snprintf(line, sizeof line, "region %d entries %" PRIu64 " instructions %" PRIu64 "\n", r, entries[r], counts[r]);
         qemu_plugin_outs(line);
     }
-    if (blocks) for_places(print_place);
+    if (by_place) for_places(print_place);
 }
 
 __attribute__((visibility("default"))) int qemu_plugin_install(plugin_id id, const void *info, int argc, char **argv)
 {
     (void)info;
-    for (int i = 0; i < argc; i++) blocks |= !strcmp(argv[i], "blocks=1");
+    for (int i = 0; i < argc; i++) by_place |= !strcmp(argv[i], "places=1");
     qemu_plugin_register_vcpu_tb_trans_cb(id, translated);
     qemu_plugin_register_atexit_cb(id, report, NULL);
     return 0;
