@@ -1,6 +1,6 @@
 //! The runtime against other inference libraries, in a package of its own that nothing else compiles.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
@@ -16,6 +16,11 @@ const C_COMPILER: Tool = Tool {
     elsewhere: "Fedora: sudo dnf install gcc | Arch: sudo pacman -S gcc | macOS: xcode-select --install",
 };
 
+/// The package, which is not in the workspace.
+pub fn package() -> PathBuf {
+    shell::root().join("benchmarks/desktop")
+}
+
 /// Builds the package for this processor and runs it.
 ///
 /// # Errors
@@ -26,7 +31,8 @@ pub fn run(out: Option<&Path>, json: bool) -> Result<()> {
     let mut bench = shell::cargo();
     // The package has its own build folder; other flags would rebuild the caller's.
     bench.env_remove("CARGO_TARGET_DIR").env("RUSTFLAGS", "-Ctarget-cpu=native");
-    bench.args(["run", "--release", "--locked", "--manifest-path", "benchmarks/desktop/Cargo.toml", "--"]);
+    bench.args(["run", "--release", "--locked", "--manifest-path"]);
+    bench.arg(package().join("Cargo.toml")).arg("--");
     if let Some(out) = out {
         bench.arg("--out").arg(std::path::absolute(out).context("--out")?);
     }

@@ -2,6 +2,8 @@
 
 mod desktop;
 
+pub use desktop::package;
+
 use std::path::PathBuf;
 
 use anyhow::Result;
