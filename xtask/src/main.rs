@@ -30,6 +30,8 @@ enum Task {
     Twin(steps::twin::Options),
     /// Feeds mutated blobs and hostile requests to the runtime; nothing may panic.
     Fuzz(steps::fuzz::Options),
+    /// Counts instructions on emulated cores; with --desktop, times the runtime against other libraries instead.
+    Bench(steps::bench::Options),
     /// Builds the bare-metal images for the Cortex-M4F, M7, M33 and M55, and the runtime for cores without FPU.
     Firmware,
     /// Builds and tests the C library and runs its example on QEMU's Cortex-M4F; the desktop must print the same.
@@ -41,6 +43,7 @@ fn main() -> ExitCode {
         Task::Test(options) => test::run(&options),
         Task::Twin(options) => steps::twin::run(&options),
         Task::Fuzz(options) => steps::fuzz::run(&options),
+        Task::Bench(options) => steps::bench::run(&options),
         Task::Firmware => firmware::build_all().map(drop),
         Task::C(options) => steps::c::run(&options),
     };

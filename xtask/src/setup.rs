@@ -40,6 +40,13 @@ pub const C_COMPILER: Tool = Tool {
     elsewhere: "Fedora: sudo dnf install arm-none-eabi-gcc-cs | Arch: sudo pacman -S arm-none-eabi-gcc | macOS: brew install arm-none-eabi-gcc",
 };
 
+/// Compiles C for this machine.
+pub const HOST_C_COMPILER: Tool = Tool {
+    programs: &["cc", "gcc", "clang"],
+    package: "build-essential",
+    elsewhere: "Fedora: sudo dnf install gcc | Arch: sudo pacman -S gcc | macOS: xcode-select --install",
+};
+
 /// Links what clang compiled.
 pub const LLD: Tool = Tool {
     programs: &["ld.lld"],

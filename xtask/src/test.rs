@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 
 use crate::{
     firmware, setup, shell,
-    steps::{c, fuzz, twin},
+    steps::{bench, c, fuzz, twin},
     toolchain::Toolchain,
 };
 
@@ -134,7 +134,7 @@ fn set_up() -> Result<()> {
 fn fmt() -> Result<()> {
     setup::ensure_components()?;
     shell::run(shell::cargo().args(["fmt", "--all", "--check"]))?;
-    for package in [firmware::package(), c::package()] {
+    for package in [firmware::package(), c::package(), bench::package()] {
         shell::run(shell::cargo().args(["fmt", "--check"]).current_dir(package))?;
     }
     Ok(())

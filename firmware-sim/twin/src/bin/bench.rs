@@ -210,7 +210,8 @@ fn object(options: &Options, all: &[Counted]) -> Result<Value> {
     for counted in all {
         for region in &REGIONS {
             let count = counted.kernels.get(&region.number).with_context(|| format!("region {}", region.name))?;
-            let key = if region.name.starts_with("softmax") { "instructions_per_element" } else { "instructions_per_mac" };
+            let key =
+                if region.name.starts_with("softmax") { "instructions_per_element" } else { "instructions_per_mac" };
             let per = (*count as f64 / region.work as f64 * 1e4).round() / 1e4;
             kernels.push(json!({"core": counted.machine.name, "kernel": region.name, key: per}));
         }

@@ -65,11 +65,16 @@ pub fn put<const N: usize>(row: &mut [i32], at: usize, values: &[i32; N]) {
     let rest = row.get_mut(at..).unwrap_or(&mut []);
     match rest.first_chunk_mut() {
         Some(to) => *to = *values,
-        None => {
-            for (to, from) in rest.iter_mut().zip(values) {
-                *to = *from;
-            }
-        }
+        None => put_some(rest, values),
+    }
+}
+
+/// Writes as many `values` as `rest` takes. Apart from [`put`]: joined, both ways become one call of `memcpy`.
+#[cold]
+#[inline(never)]
+fn put_some(rest: &mut [i32], values: &[i32]) {
+    for (to, from) in rest.iter_mut().zip(values) {
+        *to = *from;
     }
 }
 

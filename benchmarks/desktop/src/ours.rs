@@ -1,0 +1,150 @@
+//! The runtime, called as `runtime/examples/speed.rs` calls it.
+
+use anyhow::{Context, Result, anyhow};
+use motionette::arena::Arena;
+use motionette::decoding::decoder::Workspace;
+use motionette::hash::Stream;
+use motionette::nn::output::Channels;
+use motionette::planning::session::Modules;
+use motionette::planning::{Limits, Session};
+use motionette::refining::{Config, Report};
+use motionette::{Anchors, Generator, Joint, Model, Planning, Prompt, Request};
+use motionette_host::blob_file::BlobFile;
+
+/// What is asked for.
+pub const PROMPT: &str = "a person walks forward and waves the right hand";
+/// Planner steps of a request.
+pub const STEPS: u16 = Planning::DEFAULT.steps;
+/// Decoder evaluations that refine it.
+pub const EVALUATIONS: u16 = 20;
+/// Joints that the request's anchors control, a bit each.
+pub const ANCHORED: u32 = 1 << Joint::LeftWrist as u32 | 1 << Joint::RightWrist as u32;
+
+/// Memory on a 16-byte boundary that is given to a runtime for good.
+fn memory(bytes: usize) -> &'static mut [u8] {
+    bytemuck::cast_slice_mut(vec![0u128; bytes.div_ceil(16)].leak())
+}
+
+/// The decoder at a fixed length and choice of channels.
+pub struct Decoder<'m> {
+    model: &'m Model<'m>,
+    channels: Channels,
+    work: Workspace<'m>,
+    /// Normalised features `[T][channels]`.
+    pub features: Vec<f32>,
+    /// `dJ/dlatent` `[L][du]`.
+    pub gradient: Vec<f32>,
+}
+
+impl<'m> Decoder<'m> {
+    /// Takes the buffers for the longest motion.
+    ///
+    /// # Errors
+    /// When they are too small, which would be a bug.
+    pub fn new(model: &'m Model<'m>, channels: Channels) -> Result<Self> {
+        let (decoder, tokens) = (model.decoder(), model.max_tokens());
+        let mut arena = Arena::new(memory(decoder.workspace_bytes(tokens, channels.count(), 0)));
+        let work = decoder.workspace(&mut arena, tokens, channels.count(), 0)?;
+        let features = vec![0.0; tokens * model.frames_per_token() * channels.count()];
+        Ok(Self { model, channels, work, features, gradient: vec![0.0; tokens * decoder.code_width()] })
+    }
+
+    /// Latent `[L][du]` to features.
+    ///
+    /// # Errors
+    /// Never: nobody interrupts.
+    pub fn forward(&mut self, latent: &[f32]) -> Result<()> {
+        let Self { model, channels, work, features, .. } = self;
+        let done = model.decoder().forward(latent, channels, features, work, &mut || Ok(()));
+        done.map_err(|_| anyhow!("the decoder was interrupted"))
+    }
+
+    /// `dJ/dfeatures` at the last pass to `dJ/dlatent`.
+    ///
+    /// # Errors
+    /// Never: nobody interrupts.
+    pub fn backward(&mut self, gradient: &[f32]) -> Result<()> {
+        let Self { model, channels, work, gradient: du, .. } = self;
+        let done = model.decoder().backward(gradient, channels, du, work, &mut || Ok(()));
+        done.map_err(|_| anyhow!("the decoder was interrupted"))
+    }
+}
+
+/// The guided planner at the longest motion.
+pub struct Planner<'m> {
+    session: Session<'m, 'm, 'm>,
+    stream: Stream,
+}
+
+impl<'m> Planner<'m> {
+    /// Reads the prompt.
+    ///
+    /// # Errors
+    /// When the model knows none of its words.
+    pub fn new(modules: Modules<'m, 'm>, tokens: usize) -> Result<Self> {
+        let limits = Limits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false };
+        let mut arena = Arena::new(memory(modules.bytes(tokens, &limits)));
+        let mut session = Session::new(modules, &mut arena, tokens, &limits)?;
+        let read = session.read(&Prompt::Text(PROMPT), &mut || Ok(()))?;
+        read.map_err(|_| anyhow!("reading was interrupted"))?;
+        Ok(Self { session, stream: Stream::new(2) })
+    }
+
+    /// A step: both passes over `tokens` at a time, then logits, a proposal and a draw for every position; `tokens` stay.
+    ///
+    /// # Errors
+    /// Never: nobody interrupts.
+    pub fn step(&mut self, tokens: &[u16], time: f32) -> Result<()> {
+        let planning = &Planning::DEFAULT;
+        let passed = self.session.pass(tokens, time, planning, &mut || Ok(()));
+        passed.map_err(|_| anyhow!("the planner was interrupted"))?;
+        let step = self.session.tmd().step(time, time + 1.0 / f32::from(STEPS));
+        self.session.advance(planning, Some(&step), &mut self.stream, &mut tokens.to_vec());
+        Ok(())
+    }
+
+    /// Guided logits `[L][V]` of the last step.
+    pub fn logits(&mut self, tokens: usize) -> Vec<f32> {
+        (0..tokens).flat_map(|position| self.session.logits(position).to_vec()).collect()
+    }
+}
+
+/// The standard request: the longest motion from text through two places of the root and two of the wrists.
+pub struct Whole<'m> {
+    generator: Generator<'m>,
+    anchors: Anchors,
+    frames: u16,
+}
+
+impl<'m> Whole<'m> {
+    /// A generator with an arena of just the size that the request takes.
+    ///
+    /// # Errors
+    /// When the model refuses the request.
+    pub fn new(blob: &'m BlobFile) -> Result<Self> {
+        let anchors = Anchors::new()
+            .root_at(2.0, [0.2, 0.9, 1.2])
+            .joint_at(4.0, Joint::RightWrist, [-0.3, 1.4, 2.2])
+            .joint_at(6.0, Joint::LeftWrist, [0.4, 1.1, 3.2])
+            .root_at(9.0, [0.5, 0.9, 4.5]);
+        let model = blob.model()?;
+        let frames = u16::try_from(model.max_tokens() * model.frames_per_token())?;
+        let bytes = Generator::new(model, &mut [])?.plan(&request(&anchors, frames)?)?.arena_bytes;
+        Ok(Self { generator: Generator::new(blob.model()?, memory(bytes))?, anchors, frames })
+    }
+
+    /// Makes the motion.
+    ///
+    /// # Errors
+    /// When the model refuses the request.
+    pub fn generate(&mut self) -> Result<Report> {
+        let motion = self.generator.generate(&request(&self.anchors, self.frames)?, &mut ())?;
+        motion.refinement.context("the request was not refined")
+    }
+}
+
+fn request(anchors: &Anchors, frames: u16) -> Result<Request<'_>> {
+    // The whole budget is spent, however near the anchors are.
+    let refinement = Config { stop_error: 0.0, ..Config::fast(EVALUATIONS) };
+    Ok(Request::text(PROMPT).frames(frames).seed(7).through(anchors.as_slice()?).refined(refinement))
+}
