@@ -268,7 +268,7 @@ impl<'a> Conv1d<'a> {
         self.taps / 2
     }
 
-    #[inline]
+    #[inline(never)]
     fn finish(&self, out: &mut [f32]) {
         wide(|| {
             for out in out.chunks_exact_mut(self.outputs.max(1)) {
@@ -315,7 +315,7 @@ impl Span {
 }
 
 /// `out[r][n] += acc[r][n] * scales[r]`.
-#[inline]
+#[inline(never)]
 pub(super) fn add_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: usize) {
     let width = width.max(1);
     wide(|| {

@@ -9,6 +9,7 @@ pub const fn words(bits: usize) -> usize {
 }
 
 /// `x <- relu(x)`; bit k of `mask` says whether `x[k]` was positive.
+#[inline(never)]
 pub fn relu(x: &mut [f32], mask: &mut [u32]) {
     wide(|| relu_words(x, mask));
 }
@@ -29,6 +30,7 @@ fn relu_words(x: &mut [f32], mask: &mut [u32]) {
 }
 
 /// `g <- g` where the ReLU let through, 0 elsewhere.
+#[inline(never)]
 pub fn gate(g: &mut [f32], mask: &[u32]) {
     wide(|| gate_words(g, mask));
 }

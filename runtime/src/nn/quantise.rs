@@ -44,7 +44,7 @@ fn largest(x: &[f32]) -> Option<f32> {
 }
 
 /// Quantises one row: `x[k] ~ q[k] * scale`, `|q[k]| <= limit`. Returns the scale.
-#[inline]
+#[inline(never)]
 pub fn row(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
     wide(|| {
         let Step { factor, scale } = step_of(x, limit);
@@ -63,13 +63,13 @@ pub struct Step {
 }
 
 /// The step of a row, to quantise it part by part with [`part`].
-#[inline]
+#[inline(never)]
 pub fn step(x: &[f32], limit: i16) -> Step {
     wide(|| step_of(x, limit))
 }
 
 /// Quantises a part of a row.
-#[inline]
+#[inline(never)]
 pub fn part(x: &[f32], step: Step, q: &mut [i16]) {
     wide(|| scaled(x, step.factor, q));
 }
@@ -93,7 +93,7 @@ fn scaled(x: &[f32], factor: f32, q: &mut [i16]) {
 }
 
 /// The same to int8, `|q[k]| <= 127`: keys and values of attention.
-#[inline]
+#[inline(never)]
 pub fn row_narrow(x: &[f32], q: &mut [i8]) -> f32 {
     let Some(largest) = largest(x) else {
         q.fill(0);
