@@ -150,14 +150,15 @@ impl<'a> Conv1d<'a> {
     pub fn forward(&self, x: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
         let (width, rows) = (self.outputs, x.scales.len());
         for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {
-            let first = first + block * BLOCK;
-            out.fill(0.0);
+            let (first, count) = (first + block * BLOCK, out.len() / width.max(1));
             for tap in 0..self.taps {
-                let Some(span) = Span::new(first, out.len() / width.max(1), rows, self.offset(tap)) else { continue };
+                let span = Span::new(first, count, rows, self.offset(tap));
+                let combine = combine(tap, count, span.as_ref(), out);
+                let Some(span) = span else { continue };
                 let x = x.window(span.source, span.rows, self.inputs);
                 let out = out.get_mut(span.skip * width..).unwrap_or(&mut []);
                 linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
-                add_scaled(out, acc, x.scales, width);
+                combine(out, acc, x.scales, width);
             }
             self.finish(out);
         }
@@ -207,14 +208,15 @@ impl<'a> Conv1d<'a> {
     pub fn backward(&self, g: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
         let (width, rows) = (self.inputs, g.scales.len());
         for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {
-            let first = first + block * BLOCK;
-            out.fill(0.0);
+            let (first, count) = (first + block * BLOCK, out.len() / width.max(1));
             for tap in 0..self.taps {
-                let Some(span) = Span::new(first, out.len() / width.max(1), rows, -self.offset(tap)) else { continue };
+                let span = Span::new(first, count, rows, -self.offset(tap));
+                let combine = combine(tap, count, span.as_ref(), out);
+                let Some(span) = span else { continue };
                 let g = g.window(span.source, span.rows, self.outputs);
                 let out = out.get_mut(span.skip * width..).unwrap_or(&mut []);
                 linear_transposed_s16s8(g.q, self.tap(tap), width, self.outputs, acc);
-                add_scaled(out, acc, g.scales, width);
+                combine(out, acc, g.scales, width);
             }
         }
     }
@@ -270,13 +272,9 @@ impl<'a> Conv1d<'a> {
 
     #[inline(never)]
     fn finish(&self, out: &mut [f32]) {
-        wide(|| {
-            for out in out.chunks_exact_mut(self.outputs.max(1)) {
-                for ((y, scale), bias) in out.iter_mut().zip(self.scales).zip(self.biases) {
-                    *y = *y * *scale + *bias;
-                }
-            }
-        });
+        for out in out.chunks_exact_mut(self.outputs.max(1)) {
+            wide(|| scale_row(out, self.scales, self.biases));
+        }
     }
 }
 
@@ -312,6 +310,49 @@ impl Span {
         let end = if end > rows { rows } else { end };
         if skip >= count || end <= start { None } else { Some(Span { skip, source: start, rows: end - start }) }
     }
+}
+
+/// How a tap's sums come into the `count` rows of `out`: the first tap's are put there if it has a source row for each,
+/// which is what adding them to zeros gives; else zeros are, and all taps' sums are added.
+fn combine(tap: usize, count: usize, span: Option<&Span>, out: &mut [f32]) -> fn(&mut [f32], &[i32], &[f32], usize) {
+    if tap > 0 {
+        return add_scaled;
+    }
+    if span.is_some_and(|span| span.rows == count) {
+        return set_scaled;
+    }
+    out.fill(0.0);
+    add_scaled
+}
+
+/// `y[n] = y[n] * scales[n] + biases[n]`.
+#[inline]
+fn scale_row(y: &mut [f32], scales: &[f32], biases: &[f32]) {
+    // Fours, so that the compiler need not find them: it runs out of registers where it looks for itself.
+    let (y_fours, y_rest) = y.as_chunks_mut::<4>();
+    let (scale_fours, scale_rest) = scales.as_chunks::<4>();
+    let (bias_fours, bias_rest) = biases.as_chunks::<4>();
+    for ((y, scales), biases) in y_fours.iter_mut().zip(scale_fours).zip(bias_fours) {
+        for ((y, scale), bias) in y.iter_mut().zip(scales).zip(biases) {
+            *y = *y * *scale + *bias;
+        }
+    }
+    for ((y, scale), bias) in y_rest.iter_mut().zip(scale_rest).zip(bias_rest) {
+        *y = *y * *scale + *bias;
+    }
+}
+
+/// `out[r][n] = acc[r][n] * scales[r]`.
+#[inline(never)]
+fn set_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: usize) {
+    let width = width.max(1);
+    wide(|| {
+        for ((out, acc), scale) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(scales) {
+            for (y, a) in out.iter_mut().zip(acc) {
+                *y = *a as f32 * *scale;
+            }
+        }
+    });
 }
 
 /// `out[r][n] += acc[r][n] * scales[r]`.

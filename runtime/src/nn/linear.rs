@@ -105,13 +105,26 @@ impl<'a> Linear<'a> {
     pub fn forward(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
         let width = self.outputs.max(1);
         linear_s16s8(x.q, self.weights, self.inputs, self.outputs, acc);
-        wide(|| {
-            for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
-                let constants = self.scales.iter().zip(self.biases);
-                for ((y, a), (scale, bias)) in out.iter_mut().zip(acc).zip(constants) {
-                    *y = *a as f32 * *sx * *scale + *bias;
-                }
-            }
-        });
+        for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
+            wide(|| finish(out, acc, *sx, self.scales, self.biases));
+        }
+    }
+}
+
+/// `y[n] = acc[n] * sx * scales[n] + biases[n]`.
+#[inline]
+fn finish(y: &mut [f32], acc: &[i32], sx: f32, scales: &[f32], biases: &[f32]) {
+    // Fours, so that the compiler need not find them: it runs out of registers where it looks for itself.
+    let (y_fours, y_rest) = y.as_chunks_mut::<4>();
+    let (acc_fours, acc_rest) = acc.as_chunks::<4>();
+    let (scale_fours, scale_rest) = scales.as_chunks::<4>();
+    let (bias_fours, bias_rest) = biases.as_chunks::<4>();
+    for (((y, acc), scales), biases) in y_fours.iter_mut().zip(acc_fours).zip(scale_fours).zip(bias_fours) {
+        for (((y, a), scale), bias) in y.iter_mut().zip(acc).zip(scales).zip(biases) {
+            *y = *a as f32 * sx * *scale + *bias;
+        }
+    }
+    for (((y, a), scale), bias) in y_rest.iter_mut().zip(acc_rest).zip(scale_rest).zip(bias_rest) {
+        *y = *a as f32 * sx * *scale + *bias;
     }
 }

@@ -15,8 +15,9 @@ global_asm!(include_str!("dsp.s"), options(raw));
 
 /// Rows of a panel, channels of a wide tile, and inputs of a quad.
 const FOUR: usize = 4;
-/// Rows from which on widening weights costs less than it saves.
+/// Rows from which on widening weights costs less than it saves, and transposing them.
 const MANY: usize = 12;
+const FEW: usize = 3;
 
 /// Numbers of a panel or a wide tile, a quad.
 const PANEL: usize = 8;
@@ -28,7 +29,8 @@ unsafe extern "C" {
     fn mtn_widen4_transposed(w: *const i8, row_bytes: usize, quads: usize, tile: *mut i32);
     fn mtn_dot4_s8(w: *const i8, panel: *const i32, quads: usize, acc: *mut i32, channels: usize, row_bytes: usize);
     fn mtn_dot4_s16(tile: *const i32, panels: *const i32, quads: usize, acc: *mut i32, groups: usize, row_bytes: usize);
-    fn mtn_dot1_s8(w: *const i8, row: *const i32, quads: usize, acc: *mut i32, pairs: usize, row_bytes: usize);
+    fn mtn_dot1_s8(w: *const i8, row: *const i32, steps: usize, acc: *mut i32, bytes: usize, row_bytes: usize);
+    fn mtn_dot1_transposed(w: *const i8, row_bytes: usize, row: *const i16, pairs: usize, acc: *mut i32);
 }
 
 /// See [`portable::linear_s16s8`].
@@ -90,6 +92,14 @@ fn try_transposed(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut 
     }
     let w = w.get(..outputs * inputs)?;
     let (acc, room) = acc.split_at_mut_checked(rows * inputs)?;
+    if rows < FEW {
+        for (g, acc) in g.chunks_exact(outputs.max(1)).zip(acc.chunks_exact_mut(inputs)) {
+            for first in fours(inputs) {
+                dot1_transposed(w.get(first..)?, inputs, g, acc.get_mut(first..)?)?;
+            }
+        }
+        return Some(());
+    }
     let (tile, panels) = room.split_at_mut_checked(PANEL * quads)?;
     pack(g, rows, outputs, panels)?;
     for first in fours(inputs) {
@@ -230,6 +240,27 @@ fn dot4_s16(tile: &[i32], panels: &[i32], quads: usize, groups: usize, acc: &mut
     Some(())
 }
 
+/// The first four columns of one row of sums: `acc[k] = sum_n g[n] w[n][k]`.
+fn dot1_transposed(w: &[i8], inputs: usize, g: &[i16], acc: &mut [i32]) -> Option<()> {
+    let pairs = g.len() / 2;
+    let sums: &mut [i32; FOUR] = acc.first_chunk_mut()?;
+    if w.len() < g.len().saturating_sub(1) * inputs + FOUR {
+        return None;
+    }
+    *sums = [0; FOUR];
+    if pairs > 0 {
+        // SAFETY: it reads four weights of each of 2 pairs rows and as many gradients, and writes four numbers.
+        unsafe { mtn_dot1_transposed(w.as_ptr(), inputs, g.as_ptr(), pairs, sums.as_mut_ptr()) };
+    }
+    if let (false, Some(g)) = (g.len().is_multiple_of(2), g.last()) {
+        let last = w.get(2 * pairs * inputs..)?;
+        for (sum, w) in sums.iter_mut().zip(last) {
+            *sum = sum.wrapping_add(i32::from(*g) * i32::from(*w));
+        }
+    }
+    Some(())
+}
+
 /// `acc [outputs]`, an even number, of a packed row and `w [outputs][4 quads]`, words.
 fn dot1_s8(w: &[i8], row: &[i32], quads: usize, acc: &mut [i32]) -> Option<()> {
     let (outputs, inputs) = (acc.len(), FOUR * quads);
@@ -240,7 +271,7 @@ fn dot1_s8(w: &[i8], row: &[i32], quads: usize, acc: &mut [i32]) -> Option<()> {
     }
     if outputs > 0 {
         // SAFETY: it reads so many weights and the row, and writes `outputs` numbers, which are there.
-        unsafe { mtn_dot1_s8(w.as_ptr(), row.as_ptr(), quads, acc.as_mut_ptr(), outputs / 2, inputs) };
+        unsafe { mtn_dot1_s8(w.as_ptr(), row.as_ptr(), quads / 2, acc.as_mut_ptr(), size_of_val(acc), inputs) };
     }
     Some(())
 }

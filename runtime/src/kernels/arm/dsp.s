@@ -285,7 +285,7 @@ mtn_dot4_s16:
   add sp, sp, #28
   pop {r4-r11, pc}
 
-@ mtn_dot1_s8(w, row, quads, acc, channel pairs, row bytes of w): one row, an even number of quads, two channels at a time.
+@ mtn_dot1_s8(w, row, steps, acc, bytes of acc, row bytes of w): one row, steps of two quads, two channels at a time.
 .section .text.mtn_dot1_s8, "ax", %progbits
 .p2align 2
 .global mtn_dot1_s8
@@ -293,35 +293,71 @@ mtn_dot4_s16:
 .thumb_func
 mtn_dot1_s8:
   push {r4-r11, lr}
+  sub sp, sp, #20
+  mtn_entry 76, 1f
+  ldr r6, [sp, #56]
+  ldr r7, [sp, #60]
+  add r6, r3, r6
+  strd r1, r7, [sp]
+  strd r4, r6, [sp, #8]
   mov r12, r3
-  add lr, r1, r2, lsl #3
-  ldr r3, [sp, #36]
-  push {r1, r3}
+  add lr, r1, r2, lsl #4
 2:
-  ldr r1, [sp]
-  ldr r6, [sp, #48]
+  ldrd r1, r6, [sp]
   add r6, r0, r6
   movs r4, #0
   movs r5, #0
+  ldr pc, [sp, #8]
+  .p2align 2
 1:
+  .rept 8
   ldm r1!, {r8-r11}
   mtn_half r0, r4
   mtn_half r6, r5
-  cmp r1, lr
-  beq 3f
-  ldm r1!, {r8-r11}
-  mtn_half r0, r4
-  mtn_half r6, r5
+  .endr
   cmp r1, lr
   bne 1b
-3:
   mov r0, r6
   strd r4, r5, [r12], #8
-  ldr r3, [sp, #4]
-  subs r3, r3, #1
-  str r3, [sp, #4]
+  ldr r3, [sp, #12]
+  cmp r12, r3
   bne 2b
-  add sp, sp, #8
+  add sp, sp, #20
+  pop {r4-r11, pc}
+
+@ mtn_dot1_transposed(w, row bytes of w, row, pairs, acc): two rows of w for each pair of inputs; four columns.
+.section .text.mtn_dot1_transposed, "ax", %progbits
+.p2align 2
+.global mtn_dot1_transposed
+.type mtn_dot1_transposed, %function
+.thumb_func
+mtn_dot1_transposed:
+  push {r4-r11, lr}
+  movs r4, #0
+  movs r5, #0
+  movs r6, #0
+  movs r7, #0
+1:
+  ldr r11, [r2], #4
+  ldr r8, [r0]
+  ldr r12, [r0, r1]
+  add r0, r0, r1, lsl #1
+  sxtb16 r9, r8
+  sxtb16 r10, r8, ror #8
+  smlabb r4, r9, r11, r4
+  smlatb r6, r9, r11, r6
+  smlabb r5, r10, r11, r5
+  smlatb r7, r10, r11, r7
+  sxtb16 r9, r12
+  sxtb16 r10, r12, ror #8
+  smlabt r4, r9, r11, r4
+  smlatt r6, r9, r11, r6
+  smlabt r5, r10, r11, r5
+  smlatt r7, r10, r11, r7
+  subs r3, r3, #1
+  bne 1b
+  ldr r12, [sp, #36]
+  stm r12, {r4-r7}
   pop {r4-r11, pc}
 
 .text
