@@ -6,10 +6,10 @@ use motionette_host::agreement::ClipAgreement;
 use motionette_host::metrics;
 use serde::Serialize;
 
-/// Instructions a multiply-accumulate costs on a Cortex-M4 or M7 over whole requests, all other work included: the standard
-/// request (49 tokens, 10 guided steps, 4 anchors, 20 decoder evaluations) counted in the emulator, 14.8 G with opening the
-/// model, by the 2.68 G multiply-accumulates that the plan says it takes at most.
-pub const INSTRUCTIONS_PER_MAC: f64 = 5.5;
+/// Instructions a planned multiply-accumulate costs on a Cortex-M4 or M7 over whole requests, all other work included: the
+/// standard request (49 tokens, 10 guided steps, 4 anchors, 20 decoder evaluations) takes 2.37 G in the emulator, and the plan says
+/// 1.91 G multiply-accumulates at most (`cargo xtask bench`).
+pub const INSTRUCTIONS_PER_MAC: f64 = 1.25;
 
 /// Figures of one run. Names are stable: `--json` prints this.
 #[derive(Debug, Clone, Serialize)]

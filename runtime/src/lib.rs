@@ -52,6 +52,9 @@
 //!
 //! # Features
 //! `default = []`. `defmt`: `defmt::Format` on public types and progress messages; off it costs zero bytes.
+//! `dsp`, `mve`: kernels for Armv8-M cores that have the DSP extension (most Cortex-M33) or integer MVE (Cortex-M55); Armv7E-M
+//! (Cortex-M4, M7) and x86-64 need no feature, other targets take no notice. `check-kernels`: [`kernels`] come with the runner
+//! that compares them with the portable ones on a device.
 //!
 //! # Numerics
 //! Weights int8 (root rows int16), activations int16, accumulators int32; floating point only as single IEEE
