@@ -51,7 +51,9 @@ pub struct Plan {
     pub planning_macs: u64,
     /// Multiply-accumulates of the final decoding.
     pub decoding_macs: u64,
-    /// Multiply-accumulates at most, in all.
+    /// Multiply-accumulates of one of the solver's evaluations at most; a gradient costs as many.
+    pub evaluation_macs: u64,
+    /// Multiply-accumulates at most, in all: [`Plan::macs_of`] all evaluations and gradients.
     pub macs: u64,
     /// Tokens on either side that a frame depends on.
     pub radius_tokens: usize,
@@ -102,7 +104,7 @@ impl Plan {
         // The most expensive choice of joints: as many as there are anchors, from the first on.
         let mask = (1u64 << (1 + if limits.anchors < JOINTS { limits.anchors } else { JOINTS })) - 1;
         let partial = decoder.macs(tokens, &channels(mask as u32));
-        Plan {
+        let plan = Plan {
             arena_bytes: token_bytes + if planning_bytes > rest { planning_bytes } else { rest },
             token_bytes,
             planning_bytes,
@@ -115,10 +117,20 @@ impl Plan {
             gradients: steps,
             planning_macs,
             decoding_macs: whole,
-            macs: planning_macs + whole + 2 * u64::from(steps) * partial,
+            evaluation_macs: partial,
+            macs: 0,
             radius_tokens: decoder.radius_tokens(),
             latency_frames: decoder.radius_frames(),
-        }
+        };
+        Plan { macs: plan.macs_of(steps, steps), ..plan }
+    }
+
+    /// Multiply-accumulates at most of a request whose solver makes so many evaluations and gradients, as its
+    /// [`refining::Report`] counts them.
+    #[must_use]
+    pub const fn macs_of(&self, evaluations: u32, gradients: u32) -> u64 {
+        let passes = evaluations as u64 + gradients as u64;
+        self.planning_macs + self.decoding_macs + passes * self.evaluation_macs
     }
 }
 

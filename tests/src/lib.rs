@@ -4,6 +4,7 @@ pub mod fuzz;
 pub mod naive;
 pub mod naive_prior;
 pub mod naive_scaffold;
+pub mod standard;
 pub mod tiny;
 
 use std::path::PathBuf;

@@ -13,20 +13,32 @@
 mod arm;
 #[cfg(any(test, feature = "check-kernels"))]
 pub mod check;
+#[cfg(feature = "count")]
+pub mod count;
 mod portable;
 #[cfg(test)]
 mod tests;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-#[cfg(kernels)]
-pub use arm::{linear_s16s8, linear_transposed_s16s8};
+#[cfg(not(feature = "count"))]
+pub use chosen::{linear_s16s8, linear_transposed_s16s8};
+#[cfg(feature = "count")]
+pub use count::{linear_s16s8, linear_transposed_s16s8};
 #[cfg(not(target_arch = "x86_64"))]
 pub use portable::wide;
-#[cfg(not(any(kernels, target_arch = "x86_64")))]
-pub use portable::{linear_s16s8, linear_transposed_s16s8};
 #[cfg(target_arch = "x86_64")]
-pub use x86::{linear_s16s8, linear_transposed_s16s8, wide};
+pub use x86::wide;
+
+/// What this target runs.
+mod chosen {
+    #[cfg(kernels)]
+    pub use super::arm::{linear_s16s8, linear_transposed_s16s8};
+    #[cfg(not(any(kernels, target_arch = "x86_64")))]
+    pub use super::portable::{linear_s16s8, linear_transposed_s16s8};
+    #[cfg(target_arch = "x86_64")]
+    pub use super::x86::{linear_s16s8, linear_transposed_s16s8};
+}
 
 /// Numbers behind the accumulators with which every variant is as fast as it can be, for `rows` rows of `terms` terms a
 /// sum: `inputs`, or `outputs` where the weights are transposed. The same on all targets, so that a plan holds on all.

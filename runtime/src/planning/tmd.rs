@@ -81,6 +81,8 @@ impl<'w> Metric<'w> {
     pub fn distances(&self, x: u16, out: &mut [f32]) {
         let x = usize::from(x);
         let of = self.units.get(x * self.width..(x + 1) * self.width).unwrap_or(&[]);
+        #[cfg(feature = "count")]
+        crate::kernels::count::add(self.units.len());
         for (i, (unit, out)) in self.units.chunks_exact(self.width.max(1)).zip(out).enumerate() {
             let mut cosine = 0.0;
             for (a, b) in unit.iter().zip(of) {
