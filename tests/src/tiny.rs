@@ -272,8 +272,8 @@ impl Writer {
         if wide < outputs {
             self.tensor(name, DType::I8, [taps, outputs - wide, inputs], narrow.iter().map(|&v| v as u8));
         }
-        self.singles(&format!("{name}.scale"), &scales);
-        self.singles(&format!("{name}.bias"), &biases);
+        self.singles("s", &scales);
+        self.singles("b", &biases);
 
         let (rows, wide_rows, columns) = (usize::from(outputs), usize::from(wide), usize::from(inputs));
         let mut weights = vec![0.0; usize::from(taps) * rows * columns];

@@ -44,7 +44,7 @@ enum Step {
 }
 
 /// Cases of the fuzzer in a test run.
-const FUZZ_CASES: u64 = 20_000;
+const FUZZ_CASES: u64 = 100_000;
 
 /// What a step counted.
 #[derive(Clone, Copy, Default)]

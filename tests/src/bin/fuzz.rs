@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::thread;
 use std::time::Instant;
 
 use motionette_tests::fuzz;
@@ -11,21 +12,24 @@ struct Options {
     cases: u64,
     seed: u64,
     first: u64,
+    threads: usize,
     write_corpus: Option<PathBuf>,
 }
 
-const USAGE: &str = "usage: fuzz [--cases N] [--seed N] [--first N] | fuzz --write-corpus FOLDER";
+const USAGE: &str = "usage: fuzz [--cases N] [--seed N] [--first N] [--threads N] | fuzz --write-corpus FOLDER";
 
 fn options() -> Result<Options, String> {
-    let mut options = Options { cases: 20_000, seed: 1, first: 0, write_corpus: None };
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let mut options = Options { cases: 100_000, seed: 1, first: 0, threads, write_corpus: None };
     let mut arguments = std::env::args().skip(1);
     while let Some(name) = arguments.next() {
         let value = arguments.next().ok_or(format!("{name} needs a value"))?;
-        let number = || value.parse().map_err(|_| format!("{name} needs a number, not `{value}`"));
+        let number = || value.parse::<u64>().map_err(|_| format!("{name} needs a number, not `{value}`"));
         match name.as_str() {
             "--cases" => options.cases = number()?,
             "--seed" => options.seed = number()?,
             "--first" => options.first = number()?,
+            "--threads" => options.threads = number()? as usize,
             "--write-corpus" => options.write_corpus = Some(value.into()),
             _ => return Err(format!("{name} is unknown")),
         }
@@ -34,7 +38,7 @@ fn options() -> Result<Options, String> {
 }
 
 fn main() -> ExitCode {
-    let Options { cases, seed, first, write_corpus } = match options() {
+    let Options { cases, seed, first, threads, write_corpus } = match options() {
         Ok(options) => options,
         Err(message) => {
             eprintln!("{message}\n{USAGE}");
@@ -52,14 +56,14 @@ fn main() -> ExitCode {
     }
     let start = Instant::now();
     let progress = |done: u64| {
-        if done > 0 && done.is_multiple_of(50_000) {
+        if done.is_multiple_of(1 << 18) {
             eprintln!("{done} of {cases} cases, {:.0} a second", done as f64 / start.elapsed().as_secs_f64());
         }
     };
-    match fuzz::run(seed, first, cases, progress) {
+    match fuzz::run(seed, first, cases, threads, progress) {
         Ok(tally) => {
             println!(
-                "{} cases in {:.1} s: blobs {} refused, {} opened; requests {} refused, {} gave a motion, {} of anchors inside the planner; {} streams; files {} refused, {} read",
+                "{} cases in {:.1} s on {threads} threads: blobs {} refused, {} opened; requests {} refused, {} gave a motion, {} of anchors inside the planner; {} streams; files {} refused, {} read",
                 tally.cases,
                 start.elapsed().as_secs_f64(),
                 tally.blobs_refused,

@@ -4,8 +4,7 @@ use motionette::blob::{HEADER_LEN, Header, MAGIC, MAJOR};
 use motionette::hash::Stream;
 use motionette::{Anchor, Generator, Model, Prompt, Request, refining::Config};
 
-use super::Tally;
-use crate::tiny::Tiny;
+use super::{Entry, Memory, Tally};
 
 /// Bytes that often sit on a limit: of variable-length integers, signs, sizes.
 const BYTES: [u8; 12] = [0, 1, 2, 3, 7, 16, 0x3F, 0x7F, 0x80, 0x81, 0xFE, 0xFF];
@@ -14,25 +13,21 @@ const BYTES: [u8; 12] = [0, 1, 2, 3, 7, 16, 0x3F, 0x7F, 0x80, 0x81, 0xFE, 0xFF];
 const SINGLES: [f32; 12] =
     [0.0, -0.0, 1.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN_POSITIVE, 1e-45, 1e20, -1e20];
 
-/// Arena of a case: enough for the longest motion of any blob of this size, so that refusals are about the blob.
-const ARENA_WORDS: usize = (4 << 20) / 16;
-
-/// Mutates `tiny`, opens it and, if that succeeds, runs requests on it.
+/// Mutates the entry's blob, opens it and, if that succeeds, runs a request on it.
 ///
 /// # Errors
 /// What a reader may not do.
-pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), String> {
-    let mut bytes = tiny.bytes().to_vec();
+pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: &mut Tally) -> Result<(), String> {
+    let mut bytes = entry.model.bytes().to_vec();
     for _ in 0..1 + random.below(4) {
         mutate(&mut bytes, random);
     }
     if random.below(16) != 0 {
         repair(&mut bytes);
     }
-    let mut words = vec![0u128; bytes.len().div_ceil(16)];
-    let aligned: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
-    aligned[..bytes.len()].copy_from_slice(&bytes);
-    let model = match Model::open(&aligned[..bytes.len()]) {
+    let blob = memory.blob.painted(bytes.len());
+    blob.copy_from_slice(&bytes);
+    let model = match Model::open(blob) {
         Ok(model) => model,
         Err(error) => {
             tally.blobs_refused += 1;
@@ -40,25 +35,24 @@ pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), S
         }
     };
     tally.blobs_opened += 1;
-    let mut arena = vec![0u128; ARENA_WORDS];
-    let arena: &mut [u8] = bytemuck::cast_slice_mut(&mut arena);
     let codes = model.codebooks().codes() as u32;
-    let quantizers = model.codebooks().quantizers();
     let positions = 1 + random.below(6) as usize;
-    let mut generator = Generator::new(model, arena).map_err(|e| e.to_string())?;
-    let tokens: Vec<u16> = (0..positions * quantizers).map(|_| random.below(codes) as u16).collect();
+    let tokens: Vec<u16> =
+        (0..positions * model.codebooks().quantizers()).map(|_| random.below(codes) as u16).collect();
     let anchors = [Anchor::root(0, [0.1, 1.0, 0.0]), Anchor::joint(1, 20, [0.3, 1.2, 0.4])];
-    let refined = Request::tokens(&tokens).through(&anchors).refined(Config::fast(3));
-    for request in [Request::tokens(&tokens), refined] {
-        super::requests::serve(&mut generator, &request, &mut (), tally)?;
-    }
-    if generator.model().text().is_some() {
-        let base = Request { planning: super::requests::planning(random, &[]), ..Request::text("a person runs left") };
-        let bank = Request { planning: base.planning, ..Request::prompt(Prompt::Bank("wave")) };
-        for request in [base, bank, base.through(&anchors).refined(Config::fast(2))] {
-            super::requests::serve(&mut generator, &request, &mut (), tally)?;
-        }
-    }
+    let text = Request { planning: super::requests::planning(random, &[]), ..Request::text("a person runs left") };
+    let kinds = if model.text().is_some() { 5 } else { 2 };
+    let request = match random.below(kinds) {
+        0 => Request::tokens(&tokens),
+        1 => Request::tokens(&tokens).through(&anchors).refined(Config::fast(3)),
+        2 => text,
+        3 => Request { planning: text.planning, ..Request::prompt(Prompt::Bank("wave")) },
+        _ => text.through(&anchors).refined(Config::fast(2)),
+    };
+    // Refusals are to be about the blob, so there is as much memory as any blob of this size can make use of.
+    let need = super::requests::need(&model, &request).unwrap_or(0).max(super::requests::least(&model));
+    let mut generator = Generator::new(model, memory.arena.painted(need)).map_err(|e| e.to_string())?;
+    super::requests::serve(&mut generator, &request, &mut (), tally)?;
     let _ = generator.self_test();
     Ok(())
 }

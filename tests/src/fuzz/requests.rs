@@ -8,8 +8,7 @@ use motionette::{
     Sampling, Schedule, Source, Target,
 };
 
-use super::Tally;
-use crate::tiny::Tiny;
+use super::{Entry, Memory, Tally};
 
 /// Numbers that a careless caller may hand over.
 const NUMBERS: [f32; 14] =
@@ -31,48 +30,58 @@ impl Observer for Stopper {
     }
 }
 
-/// Runs a hostile request on `tiny`, then checks that the generator still works.
+/// Arena bytes of the least request there is.
+pub(super) fn least(model: &Model<'_>) -> usize {
+    let limits = Limits { tokens: 1, anchors: 0, refinement: Config::default(), planning: None };
+    Plan::for_request(model, &limits).arena_bytes
+}
+
+/// Arena bytes of `request`, if it can be planned.
+pub(super) fn need(model: &Model<'_>, request: &Request<'_>) -> Option<usize> {
+    let generator = Generator::new(model.clone(), &mut []).ok()?;
+    generator.plan(request).ok().map(|plan| plan.arena_bytes)
+}
+
+/// Runs a hostile request on a model, then checks that the generator still works.
 ///
 /// # Errors
 /// What a generator may not do.
-pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), String> {
-    let model = Model::open(tiny.bytes()).map_err(|e| e.to_string())?;
+pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: &mut Tally) -> Result<(), String> {
+    let model = &entry.model;
     let quantizers = model.codebooks().quantizers();
-    let plain: Vec<u16> = vec![0; quantizers];
-    let least =
-        Plan::for_request(&model, &Limits { tokens: 1, anchors: 0, refinement: Config::default(), planning: None })
-            .arena_bytes;
 
     let refinement = if random.below(5) == 0 { None } else { Some(config(random)) };
-    let frames = model.max_tokens() * model.frames_per_token();
-    let anchors: Vec<Anchor> = (0..anchor_count(random)).map(|_| anchor(random, frames)).collect();
-    let tokens: Vec<u16> = (0..length(random, &model, quantizers)).map(|_| token(random, &model)).collect();
-    let u: Vec<f32> = (0..length(random, &model, model.decoder().code_width()))
-        .map(|_| number(random, model.embedding_limit()))
-        .collect();
+    let tokens: Vec<u16> = (0..length(random, model, quantizers)).map(|_| token(random, model)).collect();
+    let width = model.decoder().code_width();
+    let u: Vec<f32> = (0..length(random, model, width)).map(|_| number(random, model.embedding_limit())).collect();
     let text = prompt(random);
-    let fixed: Vec<Fixed> = (0..random.below(4)).map(|_| given(random, &model)).collect();
-    let source = match random.below(if model.text().is_some() { 8 } else { 5 }) {
-        0 | 1 => Source::Tokens(&tokens),
-        2 | 3 => Source::Embeddings(&u),
-        4 if random.below(4) > 0 => Source::Text(Prompt::Bank(&text)),
-        _ => Source::Text(Prompt::Text(&text)),
+    let fixed: Vec<Fixed> = (0..random.below(4)).map(|_| given(random, model)).collect();
+    let planner = model.planning().is_some() || random.below(16) == 0;
+    let encoder = model.text().is_some_and(|text| text.encoder().is_some());
+    let stored = if random.below(4) == 0 { text.as_str() } else { "wave" };
+    let (source, positions) = match random.below(if planner { 8 } else { 4 }) {
+        0 | 1 => (Source::Tokens(&tokens), tokens.len() / quantizers),
+        2 | 3 => (Source::Embeddings(&u), u.len() / width),
+        4..7 if encoder || random.below(16) == 0 => (Source::Text(Prompt::Text(&text)), model.max_tokens()),
+        _ => (Source::Text(Prompt::Bank(stored)), model.max_tokens()),
     };
+    let frames = positions.clamp(1, model.max_tokens()) * model.frames_per_token();
+    let anchors: Vec<Anchor> = (0..anchor_count(random)).map(|_| anchor(random, frames)).collect();
     let planning = planning(random, &fixed);
     let request = Request { source, anchors: &anchors, refinement, planning };
 
-    let whole = least + random.below(1 << 20) as usize;
-    let size = if random.below(4) == 0 { least + random.below(4096) as usize } else { whole };
-    let mut words = vec![0u128; size.div_ceil(16)];
-    let arena: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
-    let shift = random.below(16) as usize;
-    let Some(arena) = arena.get_mut(..size) else { return Err("the case's arena is short".to_owned()) };
-    // A start off the boundary costs up to 15 bytes; keep the least request possible.
-    let arena = if size >= least + 16 { &mut arena[shift..] } else { arena };
-
-    let mut generator = Generator::new(model, arena).map_err(|e| e.to_string())?;
-    let before = generator.generate(&Request::tokens(&plain), &mut ()).map(|motion| motion.hash());
-    let before = before.map_err(|e| format!("the least request was refused: {e}"))?;
+    // Anything from the least request's need on, exactly what this one needs, a byte less, or plenty from an odd address.
+    let (least, need) = (least(model), need(model, &request).unwrap_or(0));
+    let (size, shift) = match random.below(8) {
+        0 => (least + random.below(4096) as usize, 0),
+        1 => (need.saturating_sub(1), 0),
+        2..5 => (need, 0),
+        _ => (need.max(least) + 16 + random.below(4096) as usize, random.below(16) as usize),
+    };
+    let Some(arena) = memory.arena.painted(size.max(least)).get_mut(shift..) else {
+        return Err("the case's arena is short".to_owned());
+    };
+    let mut generator = Generator::new(model.clone(), arena).map_err(|e| e.to_string())?;
     let mut stopper =
         Stopper { left: 1 + random.below(200), wish: if random.below(2) == 0 { Flow::Finish } else { Flow::Abort } };
     if random.below(3) == 0 {
@@ -80,8 +89,8 @@ pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), S
     } else {
         serve(&mut generator, &request, &mut (), tally)?;
     }
-    match generator.generate(&Request::tokens(&plain), &mut ()) {
-        Ok(motion) if motion.hash() == before => Ok(()),
+    match generator.generate(&Request::tokens(&entry.plain), &mut ()) {
+        Ok(motion) if motion.hash() == entry.hash => Ok(()),
         Ok(_) => Err("the request changed the next motion".to_owned()),
         Err(error) => Err(format!("the generator is unusable after the request: {error}")),
     }
@@ -158,7 +167,7 @@ pub fn serve(
 
 /// Numbers in a request: mostly whole tokens inside the limit, else anything.
 pub(super) fn length(random: &mut Stream, model: &Model<'_>, each: usize) -> usize {
-    match random.below(8) {
+    match random.below(20) {
         0 => random.below(700) as usize,
         1 => 0,
         2 => model.max_tokens() * each,
@@ -187,10 +196,10 @@ fn number(random: &mut Stream, limit: f32) -> f32 {
 }
 
 fn anchor_count(random: &mut Stream) -> u32 {
-    match random.below(8) {
+    match random.below(16) {
         0 => 0,
         1 => random.below(80),
-        _ => 1 + random.below(6),
+        _ => 1 + random.below(5),
     }
 }
 
@@ -200,15 +209,15 @@ pub(super) fn anchor(random: &mut Stream, frames: usize) -> Anchor {
         _ => 4.0 * random.unit() - 2.0,
     };
     let [x, y, z] = [coordinate(), coordinate(), coordinate()];
-    let joints = if random.below(40) == 0 { 256 } else { 22 };
+    let joints = if random.below(200) == 0 { 256 } else { 22 };
     let target = match random.below(3) {
         0 => Target::Root([x, y, z]),
         1 => Target::PlanarRoot([x, z]),
         _ => Target::Joint { joint: random.below(joints) as u8, position: [x, y, z] },
     };
-    let limit = match random.below(40) {
+    let limit = match random.below(200) {
         0 => 0x1_0000,
-        1..20 => 4,
+        1..10 => 4,
         _ => frames as u32,
     };
     let frame = random.below(limit) as u16;
@@ -298,16 +307,20 @@ pub fn planning<'f>(random: &mut Stream, fixed: &'f [Fixed]) -> Planning<'f> {
         _ => usual,
     };
     let (guidance, temperature, top_p) = (strange(2.0), strange(0.8), strange(0.9));
-    let length = match random.below(8) {
+    let length = match random.below(24) {
         0 => Length::Tokens(random.next_u32() as u16),
-        1 => Length::Tokens(1 + random.below(6) as u16),
-        2 => Length::Frames(random.below(40) as u16),
+        1..6 => Length::Tokens(1 + random.below(6) as u16),
+        6..10 => Length::Frames(random.below(16) as u16),
         _ => Length::Predicted,
     };
     Planning {
         length,
         seed: u64::from(random.next_u32()),
-        steps: if random.below(20) == 0 { random.next_u32() as u16 % 1200 } else { 1 + random.below(4) as u16 },
+        steps: match random.below(400) {
+            0 => random.next_u32() as u16 % 1200,
+            1..20 => [0, 1, 40, 1001, u16::MAX][random.below(5) as usize],
+            _ => 1 + random.below(4) as u16,
+        },
         schedule: if random.below(2) == 0 { Schedule::Uniform } else { Schedule::Cosine },
         guidance: if random.below(3) == 0 { 1.0 } else { guidance },
         sampling: match random.below(3) {

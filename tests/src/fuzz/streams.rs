@@ -7,9 +7,8 @@ use motionette::{
     planning,
 };
 
-use super::Tally;
 use super::requests::{self, Stopper};
-use crate::tiny::Tiny;
+use super::{Entry, Memory, Tally};
 
 /// Operations of a case.
 const OPERATIONS: u32 = 24;
@@ -29,19 +28,17 @@ struct Seen {
 ///
 /// # Errors
 /// What a stream may not do.
-pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), String> {
-    let model = Model::open(tiny.bytes()).map_err(|e| e.to_string())?;
+pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: &mut Tally) -> Result<(), String> {
+    let model = &entry.model;
     let steps = 1 + random.below(4) as u16;
     let planning =
         planning::Limits { words: 1 + random.below(9) as usize, steps, guided: random.below(3) > 0, anchors: false };
     let planning = Some(planning).filter(|_| model.planning().is_some() && random.below(4) > 0);
     let limits = StreamLimits { tokens: 1 + random.below(model.max_tokens() as u32) as usize, planning };
-    let plan = StreamPlan::new(&model, &limits);
-    let mut words = vec![0u128; plan.arena_bytes / 16 + (1 << 16)];
-    let arena: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
+    let plan = StreamPlan::new(model, &limits);
     let short = random.below(8) == 0;
-    let size = if short { plan.arena_bytes - 1 } else { arena.len() };
-    let mut generator = Generator::new(model.clone(), &mut arena[..size]).map_err(|e| e.to_string())?;
+    let size = if short { plan.arena_bytes - 1 } else { plan.arena_bytes };
+    let mut generator = Generator::new(model.clone(), memory.arena.painted(size)).map_err(|e| e.to_string())?;
     let mut stream = match generator.stream(&limits) {
         Ok(_) if short => return Err("a stream in less memory than planned".to_owned()),
         Ok(stream) => stream,
@@ -50,7 +47,7 @@ pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), S
     };
     let mut seen = Seen::default();
     for _ in 0..OPERATIONS {
-        operation(&model, &mut stream, random, &mut seen, tally)?;
+        operation(model, &mut stream, random, &mut seen, tally)?;
     }
     stream.finish();
     let ahead = stream.frames_ahead();
@@ -69,7 +66,11 @@ pub fn case(tiny: &Tiny, random: &mut Stream, tally: &mut Tally) -> Result<(), S
     if seen.moved || positions == 0 || positions > model.max_tokens() {
         return Ok(());
     }
-    let whole = generator.generate(&Request::tokens(&seen.tokens), &mut ()).map_err(|e| e.to_string())?;
+    drop(generator);
+    let request = Request::tokens(&seen.tokens);
+    let need = requests::need(model, &request).ok_or("the stream's tokens cannot be planned")?;
+    let mut generator = Generator::new(model.clone(), memory.arena.painted(need)).map_err(|e| e.to_string())?;
+    let whole = generator.generate(&request, &mut ()).map_err(|e| e.to_string())?;
     tally.streams += 1;
     if whole.joints().iter().map(|v| v.to_bits()).eq(seen.joints.iter().copied()) {
         Ok(())
