@@ -40,7 +40,7 @@ pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mu
 
 /// See [`portable::linear_transposed_s16s8`].
 pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    let fits = inputs >= CHANNELS && inputs <= REACH && w.len() >= inputs * outputs;
+    let fits = (CHANNELS..=REACH).contains(&inputs) && w.len() >= inputs * outputs;
     let Some(rows) = present(g, outputs, inputs, acc).filter(|_| fits) else {
         return portable::linear_transposed_s16s8(g, w, inputs, outputs, acc);
     };
