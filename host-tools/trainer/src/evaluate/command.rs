@@ -100,7 +100,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", default_value = "data/evaluate/control.jsonl")]
     pub store: PathBuf,
     /// Instructions of a Cortex-M7 a multiply-accumulate, for the table of the runtime.
-    #[arg(long, default_value_t = 1.25)]
+    #[arg(long, default_value_t = 1.21)]
     pub instructions_per_mac: f64,
     /// Prints the table's JSON on the last line.
     #[arg(long)]
@@ -251,7 +251,7 @@ fn remarks(table: Table) -> &'static str {
         Table::Sparse => "Pelvis, feet, head and hands at five random frames: 30 anchors.",
         Table::Runtime => {
             "Four anchors, two kinds; one thread. Work is planned multiply-accumulates, scaled to the evaluations that were made; \
-             instructions are that work times --instructions-per-mac (1.25 for each planned one were counted for the standard \
+             instructions are that work times --instructions-per-mac (1.21 for each planned one were counted for the standard \
              request in the image that M4 and M7 run: cargo xtask bench). Intervals here are 1.96 standard errors."
         }
     }
