@@ -5,8 +5,7 @@ use motionette::hash::Stream;
 use motionette::nn::attention::{self, Heads, Segment, SegmentMut, attend};
 use motionette::nn::conv1d::Rows;
 use motionette::nn::embedding::Embedding;
-use motionette::nn::linear::BLOCK;
-use motionette::nn::linear::Linear;
+use motionette::nn::linear::{BLOCK, Linear};
 use motionette::nn::norm::LayerNorm;
 use motionette::nn::{activation, quantise, softmax};
 

@@ -145,13 +145,15 @@ impl<'a> Decoder<'a> {
             masked_rows += 2 * rows * stage.blocks.len();
             rows *= 2;
         }
+        let most = if channels > widest { channels } else { widest };
         Sizes {
             frames,
             sequence: frames * if columns > width { columns } else { width },
             q: if short > long { short } else { long },
             masks: masked_rows * words,
             row: widest,
-            acc: accumulators(widest, channels),
+            // Forward and backward: whatever counts the sums may count the terms.
+            acc: accumulators(BLOCK, most, most),
             output: channels,
         }
     }

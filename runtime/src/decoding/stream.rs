@@ -123,6 +123,8 @@ struct Sizes {
     scales: usize,
     masks: usize,
     row: usize,
+    /// Rows that a layer multiplies at a time: no more than a chunk becomes.
+    block: usize,
     acc: usize,
     acc_low: usize,
 }
@@ -181,14 +183,16 @@ impl<'a> Decoder<'a> {
 
     fn stream_sizes(&self, channels: usize) -> Sizes {
         let frames = CHUNK * self.upsampling();
+        let block = frames.min(BLOCK);
         let mut sizes = Sizes {
             sequence: frames * channels,
             q: 0,
             scales: 0,
             masks: frames * mask::words(self.width),
             row: self.width,
-            acc: accumulators(self.width.max(self.code_width()), channels),
-            acc_low: accumulators(self.width, channels.min(self.wide())),
+            block,
+            acc: accumulators(block, self.width.max(self.code_width()), self.width.max(channels)),
+            acc_low: accumulators(block, self.width, channels.min(self.wide())),
         };
         for (stage, layer) in self.layers() {
             let rows = CHUNK << stage;
@@ -223,9 +227,9 @@ impl<'a> Decoder<'a> {
             + bytes_of::<i16>(s.q)
             + bytes_of::<f32>(s.scales)
             + bytes_of::<f32>(s.row)
-            + bytes_of::<f32>(BLOCK * self.width)
-            + bytes_of::<i16>(BLOCK * self.width)
-            + bytes_of::<f32>(BLOCK)
+            + bytes_of::<f32>(s.block * self.width)
+            + bytes_of::<i16>(s.block * self.width)
+            + bytes_of::<f32>(s.block)
             + bytes_of::<i32>(s.acc)
             + bytes_of::<u32>(s.masks)
             + bytes_of::<i32>(s.acc_low)
@@ -256,9 +260,9 @@ impl<'a> Decoder<'a> {
                     scales: arena.take(s.scales)?,
                     row: arena.take(s.row)?,
                     block: residual::Block {
-                        rows: arena.take(BLOCK * self.width)?,
-                        q: arena.take(BLOCK * self.width)?,
-                        scales: arena.take(BLOCK)?,
+                        rows: arena.take(s.block * self.width)?,
+                        q: arena.take(s.block * self.width)?,
+                        scales: arena.take(s.block)?,
                         acc: arena.take(s.acc)?,
                     },
                 },

@@ -78,13 +78,13 @@ impl Sizes {
     }
 
     const fn acc(&self) -> usize {
-        let sums = most([self.outputs, self.width, self.hidden, self.keys, self.head]);
-        BLOCK * sums + room(BLOCK, most([self.terms(), self.keys, self.head, 0, 0]))
+        let sums = most(&[self.outputs, self.width, self.hidden, self.keys, self.head]);
+        BLOCK * sums + room(BLOCK, most(&[self.terms(), self.keys, self.head]))
     }
 
     /// Longest input of any linear layer.
     const fn terms(&self) -> usize {
-        most([self.inputs, self.width, self.hidden, 0, 0])
+        most(&[self.inputs, self.width, self.hidden])
     }
 
     const fn q(&self) -> usize {
@@ -93,13 +93,13 @@ impl Sizes {
 }
 
 /// The largest.
-const fn most(numbers: [usize; 5]) -> usize {
-    let (mut most, mut rest): (usize, &[usize]) = (0, &numbers);
-    while let [first, others @ ..] = rest {
+const fn most(mut numbers: &[usize]) -> usize {
+    let mut most = 0;
+    while let [first, others @ ..] = numbers {
         if *first > most {
             most = *first;
         }
-        rest = others;
+        numbers = others;
     }
     most
 }

@@ -11,12 +11,10 @@ use crate::kernels::{linear_s16s8, linear_transposed_s16s8, room, wide};
 /// Rows that a layer multiplies at a time: weights are read, and widened or transposed, once for so many rows.
 pub const BLOCK: usize = 24;
 
-/// Length of accumulators for layers of at most so many inputs and outputs, forward and backward, with [`room`] behind them.
+/// Length of accumulators for so many rows of `sums` sums of `terms` terms, [`room`] behind them included.
 #[must_use]
-pub const fn accumulators(inputs: usize, outputs: usize) -> usize {
-    // Forward and backward, either counts the terms of a sum and the sums.
-    let most = if inputs > outputs { inputs } else { outputs };
-    BLOCK * most + room(BLOCK, most)
+pub const fn accumulators(rows: usize, terms: usize, sums: usize) -> usize {
+    rows * sums + room(rows, terms)
 }
 
 /// A convolution layer in flash.
@@ -146,7 +144,7 @@ impl<'a> Conv1d<'a> {
         self.weights.get(tap * size..(tap + 1) * size).unwrap_or(&[])
     }
 
-    /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds. `acc` holds [`accumulators`].
+    /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds. `acc` holds [`accumulators`] of [`BLOCK`] rows, or of as many as `out` has.
     pub fn forward(&self, x: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
         let (width, rows) = (self.outputs, x.scales.len());
         for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {

@@ -105,7 +105,7 @@ pub struct Scratch<'a> {
     pub row: &'a mut [f32],
     /// Rows of selected channels, quantised, range by range: `[BLOCK][C]`.
     pub q: &'a mut [i16],
-    /// As [`accumulators`](super::conv1d::accumulators) says for `K` and `C`.
+    /// As [`accumulators`](super::conv1d::accumulators) says for [`BLOCK`] rows, or for as many as there are.
     pub acc: &'a mut [i32],
     /// The same.
     pub acc_low: &'a mut [i32],

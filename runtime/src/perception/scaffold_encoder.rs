@@ -9,8 +9,7 @@ use crate::blob::{Activation, ControlConfig, Error, Tensors};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{self, Scratch, Sizes, below};
 use crate::nn::encoder::Encoder;
-use crate::nn::linear::BLOCK;
-use crate::nn::linear::Linear;
+use crate::nn::linear::{BLOCK, Linear};
 use crate::nn::norm::MAX_INPUT;
 use crate::nn::{Check, Interrupted, activation};
 

@@ -3,6 +3,8 @@
 //! Rows go through panels of four, in the room behind the accumulators. Few rows meet the int8 weights as they lie in
 //! flash (13 instructions for 16 products); for many, and for transposed weights, four channels at a time are widened to
 //! int16 first (11, and 1.1 or 1.8 a weight). What does not come in fours of inputs and channels goes the portable way.
+//!
+//! Words are loaded from any address, so `CCR.UNALIGN_TRP` stays clear, as it is after a reset.
 
 use super::super::portable;
 use core::arch::global_asm;

@@ -63,6 +63,29 @@
   orr r4, r4, #1
 .endm
 
+@ One column of four rows: sums the steps from r1 to r12, entered as [sp, #4] says, and writes the sums to lr, which moves on.
+@ [sp, #8] and [sp, #12] come into r2, bytes from row to row of acc, and r3.
+.macro mtn_column step
+  movs r4, #0
+  movs r5, #0
+  movs r6, #0
+  movs r7, #0
+  ldr pc, [sp, #4]
+  .p2align 2
+1:
+  .rept 8
+  \step
+  .endr
+  cmp r1, r12
+  bne 1b
+  ldrd r2, r3, [sp, #8]
+  add r8, lr, r2, lsl #1
+  str r5, [lr, r2]
+  str r4, [lr], #4
+  str r7, [r8, r2]
+  str r6, [r8]
+.endm
+
 @ mtn_pack4(rows: [pointer; 4], panel, quads): four rows of int16 to a panel.
 .section .text.mtn_pack4, "ax", %progbits
 .p2align 2
@@ -205,24 +228,7 @@ mtn_dot4_s8:
   add r12, r1, r2, lsl #5
 2:
   ldr r1, [sp]
-  movs r4, #0
-  movs r5, #0
-  movs r6, #0
-  movs r7, #0
-  ldr pc, [sp, #4]
-  .p2align 2
-1:
-  .rept 8
-  mtn_step_s8
-  .endr
-  cmp r1, r12
-  bne 1b
-  ldrd r2, r3, [sp, #8]
-  add r8, lr, r2, lsl #1
-  str r5, [lr, r2]
-  str r4, [lr], #4
-  str r7, [r8, r2]
-  str r6, [r8]
+  mtn_column mtn_step_s8
   cmp lr, r3
   bne 2b
   add sp, sp, #20
@@ -250,24 +256,7 @@ mtn_dot4_s16:
   add r2, lr, #16
   str r2, [sp, #24]
 2:
-  movs r4, #0
-  movs r5, #0
-  movs r6, #0
-  movs r7, #0
-  ldr pc, [sp, #4]
-  .p2align 2
-1:
-  .rept 8
-  mtn_step_s16
-  .endr
-  cmp r1, r12
-  bne 1b
-  ldrd r2, r3, [sp, #8]
-  add r8, lr, r2, lsl #1
-  str r5, [lr, r2]
-  str r4, [lr], #4
-  str r7, [r8, r2]
-  str r6, [r8]
+  mtn_column mtn_step_s16
   subs r1, r1, r3
   subs r0, r0, r3
   adds r0, r0, #8
