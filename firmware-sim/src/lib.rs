@@ -10,6 +10,7 @@
 //! | [`robot`] | the virtual robot: a clock, and a loop that consumes motion frames by their deadlines |
 //! | [`report`] | the figures of a run, as text, markdown and JSON |
 //! | [`viewer`] | the self-contained HTML page |
+//! | [`standard`] | the standard request of the budgets, counted on the desktop and on emulated cores |
 //! | [`twin`] | the requests that desktop and emulated Cortex-M run alike |
 
 pub mod bundle;
@@ -19,5 +20,6 @@ pub mod report;
 pub mod robot;
 pub mod session;
 pub mod source;
+pub mod standard;
 pub mod twin;
 pub mod viewer;

@@ -11,8 +11,9 @@ use motionette::{
     Anchor, Fixed, Generator, Length, Model, Planning, Prompt, Request, Sampling, Schedule, Source, StreamLimits,
     StreamPlan, planning,
 };
+use motionette_host::blob_file::BlobFile;
 use motionette_tests::fuzz;
-use motionette_tests::standard::{self, Blob};
+use motionette_tests::standard;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 
 /// What memory holds before.
@@ -301,8 +302,8 @@ fn plans_bound_bytes_and_multiply_accumulates() {
         seen.stream(name, model, &mut random);
     }
 
-    let blob = Blob::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob")).expect("bundled");
-    let nano = Model::open(blob.bytes()).expect("nano opens");
+    let blob = BlobFile::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob")).expect("bundled");
+    let nano = blob.model().expect("nano opens");
     for _ in 0..REQUESTS.1 {
         seen.request("nano", &nano, &mut random);
     }

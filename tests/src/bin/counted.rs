@@ -4,13 +4,13 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use motionette::Model;
-use motionette_tests::standard::{self, Blob};
+use motionette_host::blob_file::BlobFile;
+use motionette_tests::standard;
 
 fn main() -> Result<()> {
     let path: PathBuf = std::env::args_os().nth(1).context("usage: counted BLOB")?.into();
-    let blob = Blob::read(&path)?;
-    let counted = standard::count(&Model::open(blob.bytes())?)?;
+    let blob = BlobFile::open(&path)?;
+    let counted = standard::count(&blob.model()?)?;
     let (planned, most) = (counted.planned(), counted.plan.macs);
     println!(
         "{} evaluations, {} gradients: {:.1} million multiply-accumulates planned, {:.1} million counted, ratio {:.4}; \

@@ -1,14 +1,14 @@
-//! The standard request of the budgets (49 tokens from text with guidance, two root anchors and two wrists, default
-//! refinement), between the marks that `firmware-sim/twin/count.c` counts instructions between: the model opened, the
-//! whole request, then the same request once more stage by stage.
+//! The standard request of the budgets (`firmware-sim/src/standard.rs`), between the marks that
+//! `firmware-sim/twin/count.c` counts instructions between: the model opened, the whole request, then the same request once
+//! more stage by stage.
 #![no_std]
 #![no_main]
 
 use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
-use motionette::{Anchors, Flow, Generator, Joint, Model, Observer, Progress, Request, Stage, blob::Aligned};
-use motionette_cortex_m::stack;
+use motionette::{Flow, Generator, Model, Observer, Progress, Stage, blob::Aligned};
+use motionette_cortex_m::{stack, standard};
 use semihosting::{println, process::exit};
 
 const MODEL: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/model.blob"));
@@ -17,7 +17,6 @@ const MODEL: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/model.blob"));
 static BLOB: Aligned<[u8; MODEL.len()]> = Aligned(*include_bytes!(concat!(env!("OUT_DIR"), "/model.blob")));
 
 const ARENA_BYTES: usize = 400 * 1024;
-const PROMPT: &str = "a person walks forward and waves the right hand";
 
 /// Ends the region before and begins the one of this number.
 macro_rules! mark {
@@ -60,13 +59,9 @@ fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
     mark!("0");
     let Ok(model) = model else { exit(1) };
     let mut generator = Generator::new(model, arena)?;
-    let anchors = Anchors::new()
-        .root_at(4.0, [0.2, 0.9, 2.0])
-        .root_at(9.7, [0.4, 0.9, 5.0])
-        .joint_at(6.0, Joint::RightWrist, [0.0, 1.5, 3.2])
-        .joint_at(8.0, Joint::LeftWrist, [0.5, 1.0, 4.2]);
+    let anchors = standard::anchors();
     let Ok(anchors) = anchors.as_slice() else { exit(1) };
-    let request = Request::text(PROMPT).frames(196).seed(1).through(anchors);
+    let request = standard::request().through(anchors);
     let plan = generator.plan(&request)?;
     mark!("2");
     let motion = generator.generate(&request, &mut ())?;

@@ -244,7 +244,7 @@ fn remarks(table: Table) -> &'static str {
         }
         Table::Components => {
             "Means over the three families and 2, 8 and 32 anchors, no refinement. `prior` does not know the anchors; `runtime` is \
-             the shipped int8 model."
+             the shipped int8 model, which was trained for longer."
         }
         Table::Refinement => "200 Adam steps each; means over 2, 8 and 32 anchors.",
         Table::Mechanism => "Body points, 200 Adam steps each; means over 2, 8 and 32 anchors.",
