@@ -14,6 +14,7 @@
 //!   module below, none knows it.
 //! - [`plan`]: bytes and work of a request before it runs. Knows sizes, never data.
 //! - [`refining`]: the anchor solver. Knows a differentiable [`refining::MotionMap`], not the decoder behind it.
+//! - [`playback`]: motions onto servos: inverse kinematics, fades, limits, outputs. Knows joints and frames, not how they were made.
 //! - [`perception`]: anchors, their validation and their scaffold, prompts and what they say. Knows frames, joints and words.
 //! - [`planning`]: prompts and scaffolds to motion tokens: transformer and sampler. Does not know what a token moves.
 //! - [`decoding`]: token embeddings to motion features, whole with the gradient back, or in segments with the same bits. Knows
@@ -82,6 +83,7 @@ pub mod nn;
 pub mod perception;
 pub mod plan;
 pub mod planning;
+pub mod playback;
 pub mod refining;
 
 pub use generator::{

@@ -14,6 +14,11 @@ use motionette::{
     Anchor, Error, Fixed, Flow, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
     Sampling, Source, StreamLimits, StreamPlan, planning, refining::Config,
 };
+#[cfg(feature = "playback")]
+use motionette::{
+    Motion,
+    playback::{Ends, Line, Robot, RobotError, When, reach},
+};
 
 /// An observer whose answer the optimiser cannot know.
 struct Watch(Flow);
@@ -67,6 +72,8 @@ fn serve(
         black_box((motion.frames(), motion.tokens(), motion.words(), motion.unknown_words()));
         black_box(motion.unconditioned_anchors());
         hash ^= motion.hash();
+        #[cfg(feature = "playback")]
+        black_box(play(blob, &motion).map_err(Refused::Robot)?);
     }
     let limits = black_box(StreamLimits { tokens: tokens.len(), planning });
     black_box(StreamPlan::new(generator.model(), &limits));
@@ -77,6 +84,38 @@ fn serve(
         hash ^= stream(&mut generator, &limits, &request)?;
     }
     Ok(hash)
+}
+
+/// A motion moves servos.
+#[cfg(feature = "playback")]
+#[inline(never)]
+fn play(bytes: &[u8], motion: &Motion<'_>) -> Result<u32, RobotError> {
+    let robot = Robot::open(black_box(bytes))?;
+    let mut line = black_box(Line::<16, 8>::new());
+    let Ok(Ends { mut feeder, mut player, control }) = line.split(&robot) else { return Ok(0) };
+    for when in black_box([When::Then, When::Now]) {
+        let _ = black_box(feeder.play(motion, when));
+    }
+    let _ = black_box(feeder.begin(black_box(20)));
+    for frame in motion.frames() {
+        let _ = black_box(feeder.frame(frame));
+        black_box(reach(&robot, frame, black_box(&[])));
+    }
+    let _ = black_box((feeder.end(), feeder.queued(), feeder.free()));
+    player.stand_at(black_box(&[0.0]));
+    for order in black_box([0, 1, 2, 3]) {
+        match order {
+            0 => control.stop(),
+            1 => control.hold(),
+            2 => control.neutral(),
+            _ => control.resume(),
+        }
+        black_box(player.tick());
+        black_box(player.stand());
+        player.rewind();
+    }
+    black_box(player.angles().count());
+    Ok(control.status().ticks)
 }
 
 /// A motion made piece by piece.
@@ -105,6 +144,8 @@ fn stream(generator: &mut Generator<'_>, limits: &StreamLimits, request: &Reques
 enum Refused {
     Blob(motionette::blob::Error),
     Request(Error),
+    #[cfg(feature = "playback")]
+    Robot(RobotError),
 }
 
 #[entry]

@@ -1,0 +1,169 @@
+//! What a player is told and what it tells, from any context, without locks.
+
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+
+/// What a player does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum State {
+    /// It stands, or slows down to stand, where it is.
+    #[default]
+    Holding,
+    /// It plays a motion.
+    Playing,
+    /// It plays a motion whose next frame has not come in time, and waits for it.
+    Starved,
+    /// It goes to its neutral angles.
+    Returning,
+    /// It stands at its neutral angles.
+    Neutral,
+    /// It slows down after an emergency stop.
+    Stopping,
+    /// It stands after an emergency stop, until it is told to go on.
+    Stopped,
+}
+
+impl State {
+    const ALL: [State; 7] = [
+        State::Holding,
+        State::Playing,
+        State::Starved,
+        State::Returning,
+        State::Neutral,
+        State::Stopping,
+        State::Stopped,
+    ];
+}
+
+/// What a player is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wish {
+    Run,
+    Hold,
+    Neutral,
+    Stop,
+}
+
+/// What a player has counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Status {
+    /// What it does.
+    pub state: State,
+    /// Ticks since it was made.
+    pub ticks: u32,
+    /// Motions that it has begun.
+    pub motions: u32,
+    /// Of these, played to their end.
+    pub finished: u32,
+    /// Frames taken from the queue.
+    pub frames: u32,
+    /// Ticks in which a frame had not come in time.
+    pub starved: u32,
+    /// Ticks in which some servo could not be where the motion wanted it, because of its speed or acceleration.
+    pub limited: u32,
+}
+
+/// Orders for a player and its answers. All of it may be used from interrupts and threads alike; orders take effect at the next tick.
+#[derive(Debug, Default)]
+pub struct Control {
+    stop: AtomicBool,
+    hold: AtomicBool,
+    neutral: AtomicBool,
+    /// Number of the motion before which everything queued is thrown away.
+    pub(super) cut: AtomicU8,
+    state: AtomicU8,
+    ticks: AtomicU32,
+    motions: AtomicU32,
+    finished: AtomicU32,
+    frames: AtomicU32,
+    starved: AtomicU32,
+    limited: AtomicU32,
+}
+
+impl Control {
+    /// Nothing ordered.
+    #[must_use]
+    pub const fn new() -> Self {
+        Control {
+            stop: AtomicBool::new(false),
+            hold: AtomicBool::new(false),
+            neutral: AtomicBool::new(false),
+            cut: AtomicU8::new(0),
+            state: AtomicU8::new(State::Holding as u8),
+            ticks: AtomicU32::new(0),
+            motions: AtomicU32::new(0),
+            finished: AtomicU32::new(0),
+            frames: AtomicU32::new(0),
+            starved: AtomicU32::new(0),
+            limited: AtomicU32::new(0),
+        }
+    }
+
+    /// Emergency stop: every servo brakes as hard as its acceleration allows and stands; what was queued is thrown away. Stays in force
+    /// until [`Control::resume`], whatever else is ordered.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Release);
+    }
+
+    /// The servos brake and stand; the motion waits.
+    pub fn hold(&self) {
+        self.hold.store(true, Ordering::Release);
+    }
+
+    /// The robot returns to its neutral angles; what was queued is thrown away.
+    pub fn neutral(&self) {
+        self.neutral.store(true, Ordering::Release);
+    }
+
+    /// Takes back stop, hold and return: a held motion goes on, the next one can begin.
+    pub fn resume(&self) {
+        self.neutral.store(false, Ordering::Release);
+        self.hold.store(false, Ordering::Release);
+        self.stop.store(false, Ordering::Release);
+    }
+
+    /// What the player did last.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        let read = |counter: &AtomicU32| counter.load(Ordering::Acquire);
+        let state = usize::from(self.state.load(Ordering::Acquire));
+        Status {
+            state: State::ALL.get(state).copied().unwrap_or_default(),
+            ticks: read(&self.ticks),
+            motions: read(&self.motions),
+            finished: read(&self.finished),
+            frames: read(&self.frames),
+            starved: read(&self.starved),
+            limited: read(&self.limited),
+        }
+    }
+
+    pub(super) fn wish(&self) -> Wish {
+        if self.stop.load(Ordering::Acquire) {
+            Wish::Stop
+        } else if self.neutral.load(Ordering::Acquire) {
+            Wish::Neutral
+        } else if self.hold.load(Ordering::Acquire) {
+            Wish::Hold
+        } else {
+            Wish::Run
+        }
+    }
+
+    /// Only the player writes these.
+    pub(super) fn publish(&self, status: &Status) {
+        self.state.store(status.state as u8, Ordering::Release);
+        let counters = [
+            (&self.ticks, status.ticks),
+            (&self.motions, status.motions),
+            (&self.finished, status.finished),
+            (&self.frames, status.frames),
+            (&self.starved, status.starved),
+            (&self.limited, status.limited),
+        ];
+        for (counter, value) in counters {
+            counter.store(value, Ordering::Release);
+        }
+    }
+}

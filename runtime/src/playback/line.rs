@@ -1,0 +1,303 @@
+//! The line from whoever makes motions to the interrupt that plays them: a lock-free queue of mapped frames.
+
+use core::fmt;
+use core::sync::atomic::Ordering;
+
+use heapless::spsc::{Consumer, Producer, Queue};
+
+use super::body::Pose;
+use super::control::Control;
+use super::mapper::{Angles, Mapper};
+use super::player::Player;
+use super::robot::Robot;
+use crate::Motion;
+
+/// Steps of a degree in which angles are queued.
+const STEPS: f32 = 100.0;
+
+/// What is queued: at most `C` servo angles, or where a motion begins or ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Item<const C: usize> {
+    /// A motion begins.
+    Begin {
+        /// Its number, never 0.
+        number: u8,
+        /// Frames a second.
+        frame_rate: u8,
+    },
+    /// Hundredths of a degree.
+    Frame([i16; C]),
+    /// The motion has no more frames.
+    End,
+}
+
+/// Static memory of a playback line: `C` servo channels, `N - 1` places for frames (a motion takes its frames and two more).
+///
+/// `size_of::<Line<C, N>>()` is all the memory that playback needs beside [`Feeder`] and [`Player`].
+pub struct Line<const C: usize, const N: usize> {
+    queue: Queue<Item<C>, N>,
+    control: Control,
+}
+
+impl<const C: usize, const N: usize> Default for Line<C, N> {
+    fn default() -> Self {
+        Line::new()
+    }
+}
+
+impl<const C: usize, const N: usize> Line<C, N> {
+    /// An empty line.
+    #[must_use]
+    pub const fn new() -> Self {
+        Line { queue: Queue::new(), control: Control::new() }
+    }
+
+    /// The end that motions are put in at, the end that plays them, and the orders for it. The robot stands at neutral.
+    ///
+    /// # Errors
+    /// [`TooManyChannels`] when the robot has more than `C`.
+    pub fn split<'a>(&'a mut self, robot: &'a Robot) -> Result<Ends<'a, C>, TooManyChannels> {
+        let found = robot.channels.len();
+        if found > C {
+            return Err(TooManyChannels { found, room: C });
+        }
+        let Line { queue, control } = self;
+        let control: &Control = control;
+        let (producer, consumer) = queue.split();
+        let feeder = Feeder { robot, mapper: Mapper::new(robot), producer, control, number: 0, open: false };
+        Ok(Ends { feeder, player: Player::new(robot, consumer, control), control })
+    }
+}
+
+/// Both ends of a [`Line`].
+pub struct Ends<'a, const C: usize> {
+    /// For whoever makes motions.
+    pub feeder: Feeder<'a, C>,
+    /// For the timer interrupt.
+    pub player: Player<'a, C>,
+    /// For anyone.
+    pub control: &'a Control,
+}
+
+/// A line has room for fewer servo channels than the robot has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TooManyChannels {
+    /// Of the robot.
+    pub found: usize,
+    /// In a frame of the line.
+    pub room: usize,
+}
+
+impl fmt::Display for TooManyChannels {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the robot has {} servo channels, the line has room for {}", self.found, self.room)
+    }
+}
+
+impl core::error::Error for TooManyChannels {}
+
+/// Why a motion was not put into the line. Nothing of it was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Full {
+    /// There will be room when more of what is queued has been played.
+    Wait {
+        /// Places that it needs.
+        needed: usize,
+        /// Places that are free now.
+        free: usize,
+    },
+    /// There is never as much room.
+    Never {
+        /// Places that it needs.
+        needed: usize,
+        /// Places of the line.
+        room: usize,
+    },
+}
+
+impl fmt::Display for Full {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Full::Wait { needed, free } => write!(f, "the motion needs {needed} places in the line, {free} are free"),
+            Full::Never { needed, room } => write!(f, "the motion needs {needed} places in the line, which has {room}"),
+        }
+    }
+}
+
+impl core::error::Error for Full {}
+
+/// When a motion begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum When {
+    /// When those before it have ended.
+    #[default]
+    Then,
+    /// At once: what is left of those before it is thrown away.
+    Now,
+}
+
+/// Puts motions into a line, as servo angles.
+pub struct Feeder<'a, const C: usize> {
+    robot: &'a Robot,
+    mapper: Mapper,
+    producer: Producer<'a, Item<C>>,
+    control: &'a Control,
+    number: u8,
+    open: bool,
+}
+
+impl<const C: usize> Feeder<'_, C> {
+    /// The robot.
+    #[must_use]
+    pub const fn robot(&self) -> &Robot {
+        self.robot
+    }
+
+    /// Frames that are queued, with two more a motion.
+    #[must_use]
+    pub fn queued(&self) -> usize {
+        if has_places(self.producer.capacity()) { self.producer.len() } else { 0 }
+    }
+
+    /// Places that are free.
+    #[must_use]
+    pub fn free(&self) -> usize {
+        self.producer.capacity().saturating_sub(self.queued())
+    }
+
+    /// Queues a whole motion; the generator is free for the next one afterwards.
+    ///
+    /// # Errors
+    /// [`Full`]; nothing was queued then.
+    pub fn play(&mut self, motion: &Motion<'_>, when: When) -> Result<(), Full> {
+        self.play_frames(motion.frames(), motion.frame_rate(), when)
+    }
+
+    /// Queues a whole motion given as joint positions, metres.
+    ///
+    /// # Errors
+    /// [`Full`]; nothing was queued then.
+    pub fn play_frames(&mut self, frames: &[Pose], frame_rate: u16, when: When) -> Result<(), Full> {
+        let needed = frames.len().saturating_add(2 + usize::from(self.open));
+        if needed > self.producer.capacity() {
+            return Err(Full::Never { needed, room: self.producer.capacity() });
+        }
+        if when == When::Now {
+            // The player makes room for it in the meantime.
+            self.control.cut.store(self.next(), Ordering::Release);
+        }
+        let free = self.free();
+        if needed > free {
+            return Err(Full::Wait { needed, free });
+        }
+        // There is room for all of it.
+        let _ = self.begin(frame_rate);
+        for frame in frames {
+            let _ = self.frame(frame);
+        }
+        let _ = self.end();
+        Ok(())
+    }
+
+    /// Begins a motion whose frames come one by one; ends the one before, if that is still open.
+    ///
+    /// # Errors
+    /// [`Full`].
+    pub fn begin(&mut self, frame_rate: u16) -> Result<(), Full> {
+        let (needed, free) = (1 + usize::from(self.open), self.free());
+        if needed > free {
+            return Err(Full::Wait { needed, free });
+        }
+        self.end()?;
+        self.number = self.next();
+        self.mapper = Mapper::new(self.robot);
+        self.push(Item::Begin { number: self.number, frame_rate: u8::try_from(frame_rate).unwrap_or(u8::MAX) })?;
+        self.open = true;
+        Ok(())
+    }
+
+    /// Queues the next frame of the motion that was begun: joint positions, metres.
+    ///
+    /// # Errors
+    /// [`Full`]; the frame can be given again later.
+    #[inline(never)]
+    pub fn frame(&mut self, pose: &Pose) -> Result<(), Full> {
+        let free = self.free();
+        if free == 0 {
+            return Err(Full::Wait { needed: 1, free });
+        }
+        let angles = self.mapper.map(self.robot, pose);
+        self.push(Item::Frame(rounded(&angles)))
+    }
+
+    /// Ends the motion that was begun, if there is one.
+    ///
+    /// # Errors
+    /// [`Full`].
+    pub fn end(&mut self) -> Result<(), Full> {
+        if self.open {
+            self.push(Item::End)?;
+            self.open = false;
+        }
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn push(&mut self, item: Item<C>) -> Result<(), Full> {
+        if !has_places(self.producer.capacity()) {
+            return Err(Full::Never { needed: 1, room: 0 });
+        }
+        self.producer.enqueue(item).map_err(|_| Full::Wait { needed: 1, free: 0 })
+    }
+
+    /// Number of the next motion.
+    const fn next(&self) -> u8 {
+        if self.number == u8::MAX { 1 } else { self.number + 1 }
+    }
+}
+
+/// Every queue has places; saying so leaves a division by zero out of the program.
+const fn has_places(capacity: usize) -> bool {
+    capacity.wrapping_add(1) != 0
+}
+
+/// Hundredths of a degree.
+#[inline(never)]
+fn rounded<const C: usize>(angles: &Angles) -> [i16; C] {
+    let mut frame = [0; C];
+    for (to, angle) in frame.iter_mut().zip(angles) {
+        let scaled = angle * STEPS;
+        *to = (if scaled < 0.0 { scaled - 0.5 } else { scaled + 0.5 }) as i16;
+    }
+    frame
+}
+
+/// What a player takes from a line.
+pub(super) struct Source<'a, const C: usize> {
+    consumer: Consumer<'a, Item<C>>,
+}
+
+impl<'a, const C: usize> Source<'a, C> {
+    pub fn new(consumer: Consumer<'a, Item<C>>) -> Self {
+        Source { consumer }
+    }
+
+    /// The next item.
+    #[inline(never)]
+    pub fn take(&mut self) -> Option<Item<C>> {
+        if has_places(self.consumer.capacity()) { self.consumer.dequeue() } else { None }
+    }
+
+    /// The next item, which stays.
+    pub fn peek(&self) -> Option<&Item<C>> {
+        if has_places(self.consumer.capacity()) { self.consumer.peek() } else { None }
+    }
+}
+
+/// Degrees of a queued angle.
+pub(super) fn degrees(queued: i16) -> f32 {
+    f32::from(queued) / STEPS
+}

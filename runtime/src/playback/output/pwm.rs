@@ -1,0 +1,46 @@
+//! Servos on pins of the microcontroller.
+
+use embedded_hal::pwm::SetDutyCycle;
+
+use super::{Output, Time};
+use crate::playback::robot::{Bus, Channel};
+
+/// PWM pins, by the numbers that the robot's description gives them.
+#[derive(Debug)]
+pub struct Pwm<P, const N: usize> {
+    pins: [P; N],
+    period: u32,
+}
+
+impl<P: SetDutyCycle, const N: usize> Pwm<P, N> {
+    /// Pins whose PWM has a period of so many microseconds: 20 000 for most servos.
+    pub const fn new(pins: [P; N], period: u32) -> Self {
+        Pwm { pins, period }
+    }
+}
+
+/// Why a pin could not be set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PwmError<E> {
+    /// The robot has a servo on a pin that is not there.
+    NoPin(u8),
+    /// What the pin said.
+    Pin(E),
+}
+
+impl<P: SetDutyCycle, const N: usize> Output for Pwm<P, N> {
+    type Error = PwmError<P::Error>;
+
+    fn write(&mut self, channels: &[Channel], commands: &[u16], _: &mut Time<'_>) -> Result<(), Self::Error> {
+        for (channel, command) in channels.iter().zip(commands) {
+            let Bus::Pwm { pin: number } = channel.bus else { continue };
+            let pin = self.pins.get_mut(usize::from(number)).ok_or(PwmError::NoPin(number))?;
+            let most = u32::from(pin.max_duty_cycle());
+            let duty = (u32::from(*command) * most + self.period / 2).checked_div(self.period).unwrap_or(0);
+            let duty = if duty > most { most } else { duty };
+            pin.set_duty_cycle(duty as u16).map_err(PwmError::Pin)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,448 @@
+//! Plays motions at the servos' rate, at a fixed cost a tick: interpolation, fades, limits, commands.
+//!
+//! [`Player::tick`] is made for a timer interrupt: it takes at most a few items from the line, does the same work whatever happens, and
+//! waits for nothing.
+
+use heapless::Vec;
+use heapless::spsc::Consumer;
+
+use super::control::{Control, State, Status, Wish};
+use super::interpolate::monotone_cubic;
+use super::limiter::{Angle, Limiter, Limits, UNITS, units};
+use super::line::{Item, Source, degrees};
+use super::robot::{Channel, Rest, Robot};
+use core::sync::atomic::Ordering;
+
+/// Items that a tick throws away at most when a motion is cut off.
+const THROWN_AWAY: usize = 32;
+
+/// Four frames round the present time, hundredths of a degree, and where the motion stands between the middle two.
+#[derive(Debug, Clone, Copy)]
+struct Reel<const C: usize> {
+    frames: [[i16; C]; 4],
+    /// Frames taken: the first fills all four, the second the last two, the third the last.
+    taken: u8,
+    /// No more frames come.
+    ended: bool,
+    /// Frames of the window that are still to come; the last one is kept for as long as the others.
+    left: u8,
+    /// Time since the second frame, in ticks times the frame rate; the next frame is due at the tick rate.
+    time: u32,
+    frame_rate: u8,
+}
+
+impl<const C: usize> Reel<C> {
+    fn new(frame_rate: u8) -> Self {
+        Reel { frames: [[0; C]; 4], taken: 0, ended: false, left: 0, time: 0, frame_rate }
+    }
+
+    /// Appends a frame to those not yet shown.
+    #[inline(never)]
+    fn push(&mut self, frame: [i16; C]) {
+        let [_, b, c, d] = self.frames;
+        self.frames = match self.taken {
+            0 => [frame; 4],
+            1 => [b, b, frame, frame],
+            2 => [b, b, c, frame],
+            _ => [b, c, d, frame],
+        };
+        if self.taken < 3 {
+            self.taken += 1;
+        }
+        self.left = self.taken.saturating_sub(1);
+    }
+
+    /// Whether interpolation knows what it needs.
+    const fn ready(&self) -> bool {
+        self.taken >= 3 || (self.ended && self.taken > 0)
+    }
+
+    /// Degrees of a channel, `t` of the way from the second to the third frame.
+    #[inline(never)]
+    fn at(&self, channel: usize, t: f32) -> f32 {
+        monotone_cubic(self.frames.map(|frame| frame.get(channel).map_or(0.0, |angle| degrees(*angle))), t)
+    }
+}
+
+/// What moves the servos.
+#[derive(Debug, Clone, Copy)]
+enum Drive<const C: usize> {
+    /// Nothing: they stand.
+    None,
+    /// A motion.
+    Motion(Reel<C>),
+    /// The way to neutral.
+    Return,
+}
+
+/// What the servos are to be told after a tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Servos<'a> {
+    /// A command a channel: microseconds, or positions of serial servos.
+    pub commands: &'a [u16],
+    /// What the player does.
+    pub state: State,
+}
+
+/// Plays what a line brings.
+pub struct Player<'a, const C: usize> {
+    robot: &'a Robot,
+    source: Source<'a, C>,
+    control: &'a Control,
+    servos: Vec<Limiter, C>,
+    commands: Vec<u16, C>,
+    /// Where the servos were before the last tick.
+    before: [Angle; C],
+    drive: Drive<C>,
+    /// Where the present fade began, and how many ticks it has lasted.
+    from: [Angle; C],
+    faded: u32,
+    held: bool,
+    /// Throwing away what comes before the motion of this number.
+    cutting: Option<u8>,
+    cut: u8,
+    status: Status,
+}
+
+impl<'a, const C: usize> Player<'a, C> {
+    pub(super) fn new(robot: &'a Robot, consumer: Consumer<'a, Item<C>>, control: &'a Control) -> Self {
+        let (mut servos, mut commands) = (Vec::new(), Vec::new());
+        for channel in &robot.channels {
+            let limiter = channel.limiter(robot.tick_rate);
+            // The line was made for as many channels.
+            let _ = servos.push(limiter);
+            let _ = commands.push(channel.command(limiter.at()));
+        }
+        let mut before = [0; C];
+        for (before, servo) in before.iter_mut().zip(&servos) {
+            *before = Limiter::at(servo);
+        }
+        Player {
+            robot,
+            source: Source::new(consumer),
+            control,
+            servos,
+            commands,
+            before,
+            drive: Drive::None,
+            from: [0; C],
+            faded: 0,
+            held: false,
+            cutting: None,
+            cut: 0,
+            status: Status::default(),
+        }
+    }
+
+    /// Says where the servos really are, degrees: for those that can tell, before the first tick.
+    pub fn stand_at(&mut self, angles: &[f32]) {
+        for (((servo, command), channel), angle) in
+            self.servos.iter_mut().zip(&mut self.commands).zip(&self.robot.channels).zip(angles)
+        {
+            *servo = Limiter::new(*servo.limits(), units(*angle));
+            *command = channel.command(servo.at());
+        }
+        for (before, servo) in self.before.iter_mut().zip(&self.servos) {
+            *before = servo.at();
+        }
+        self.drive = Drive::None;
+    }
+
+    /// Angles that the servos were last told to take, degrees.
+    pub fn angles(&self) -> impl Iterator<Item = f32> + '_ {
+        self.servos.iter().map(|servo| super::limiter::degrees(servo.at()))
+    }
+
+    /// Ticks a second.
+    #[must_use]
+    pub const fn tick_rate(&self) -> u16 {
+        self.robot.tick_rate
+    }
+
+    /// The servos.
+    #[must_use]
+    pub fn channels(&self) -> &'a [Channel] {
+        &self.robot.channels
+    }
+
+    /// What it has counted.
+    #[must_use]
+    pub const fn status(&self) -> &Status {
+        &self.status
+    }
+
+    /// One tick: to be called [`Robot::tick_rate`] times a second.
+    #[inline(never)]
+    pub fn tick(&mut self) -> Servos<'_> {
+        self.status.ticks = self.status.ticks.wrapping_add(1);
+        for (before, servo) in self.before.iter_mut().zip(&self.servos) {
+            *before = servo.at();
+        }
+        let wish = self.control.wish();
+        self.status.state = match wish {
+            Wish::Run => self.run(),
+            Wish::Hold => {
+                self.held = true;
+                self.brake();
+                State::Holding
+            }
+            Wish::Stop => {
+                self.throw_away(None);
+                self.drive = Drive::None;
+                if self.brake() { State::Stopped } else { State::Stopping }
+            }
+            Wish::Neutral => {
+                self.throw_away(None);
+                if !matches!(self.drive, Drive::Return) {
+                    self.begin(Drive::Return);
+                }
+                self.go_home()
+            }
+        };
+        self.show()
+    }
+
+    /// One tick in which the servos stay where they are and the motion waits: for when they cannot be told anything else.
+    #[inline(never)]
+    pub fn stand(&mut self) -> Servos<'_> {
+        self.status.ticks = self.status.ticks.wrapping_add(1);
+        self.status.state = if self.control.wish() == Wish::Stop { State::Stopped } else { State::Holding };
+        self.rewind();
+        self.show()
+    }
+
+    /// The servos did not hear of the last tick: they stand where they were before it, and the motion goes on from there.
+    #[inline(never)]
+    pub fn rewind(&mut self) {
+        for (servo, before) in self.servos.iter_mut().zip(&mut self.before) {
+            *servo = Limiter::new(*servo.limits(), *before);
+        }
+        self.held = true;
+    }
+
+    #[inline(never)]
+    fn show(&mut self) -> Servos<'_> {
+        for ((command, servo), channel) in self.commands.iter_mut().zip(&self.servos).zip(&self.robot.channels) {
+            *command = channel.command(servo.at());
+        }
+        self.control.publish(&self.status);
+        Servos { commands: &self.commands, state: self.status.state }
+    }
+
+    /// A tick of whatever is to be played.
+    #[inline(never)]
+    fn run(&mut self) -> State {
+        if core::mem::take(&mut self.held) {
+            // From where the servos came to stand.
+            self.begin(self.drive);
+        }
+        let cut = self.control.cut.load(Ordering::Acquire);
+        if cut != self.cut {
+            (self.cut, self.cutting) = (cut, Some(cut));
+        }
+        if let Some(number) = self.cutting {
+            self.throw_away(Some(number));
+        }
+        self.load();
+        match self.drive {
+            Drive::None => {
+                for servo in &mut self.servos {
+                    servo.settle();
+                }
+                State::Holding
+            }
+            Drive::Return => self.go_home(),
+            Drive::Motion(reel) => self.play(reel),
+        }
+    }
+
+    /// Begins to follow `drive`, fading from where the servos are.
+    #[inline(never)]
+    fn begin(&mut self, drive: Drive<C>) {
+        self.drive = drive;
+        self.faded = 0;
+        for (from, servo) in self.from.iter_mut().zip(&self.servos) {
+            *from = servo.at();
+        }
+    }
+
+    /// Takes the frames that the next ticks need, and a motion that begins when none is playing.
+    #[inline(never)]
+    fn load(&mut self) {
+        // A beginning, three frames and an end: nothing needs more at once.
+        for _ in 0..5 {
+            match (&mut self.drive, self.source.peek()) {
+                (_, None) => return,
+                (Drive::Motion(reel), Some(_)) if reel.ready() => return,
+                (Drive::Motion(reel), Some(Item::Frame(frame))) => {
+                    reel.push(*frame);
+                    self.status.frames = self.status.frames.wrapping_add(1);
+                }
+                (Drive::Motion(reel), Some(Item::End)) if reel.taken > 0 => reel.ended = true,
+                (Drive::Motion(_), Some(Item::End)) => self.finish(),
+                (_, Some(Item::Begin { number, frame_rate })) => {
+                    let (number, reel) = (*number, Reel::new(*frame_rate));
+                    if self.cutting == Some(number) {
+                        self.cutting = None;
+                    }
+                    self.begin(Drive::Motion(reel));
+                    self.status.motions = self.status.motions.wrapping_add(1);
+                }
+                // Left over from a motion that was cut off.
+                (Drive::None | Drive::Return, Some(_)) => {}
+            }
+            let _ = self.source.take();
+        }
+    }
+
+    /// Throws away what is queued, up to the beginning of the motion of that number.
+    #[inline(never)]
+    fn throw_away(&mut self, until: Option<u8>) {
+        if let Drive::Motion(_) = self.drive {
+            self.drive = Drive::None;
+        }
+        for _ in 0..THROWN_AWAY {
+            match self.source.peek() {
+                None => return,
+                Some(Item::Begin { number, .. }) if Some(*number) == until => {
+                    self.cutting = None;
+                    return;
+                }
+                Some(_) => _ = self.source.take(),
+            }
+        }
+    }
+
+    /// A tick of a motion.
+    #[inline(never)]
+    fn play(&mut self, mut reel: Reel<C>) -> State {
+        if !reel.ready() {
+            self.brake();
+            return State::Holding;
+        }
+        let rate = u32::from(self.robot.tick_rate);
+        let t = reel.time as f32 / rate as f32;
+        let fade = self.weight(self.robot.fade);
+        let mut behind = false;
+        for (channel, (servo, from)) in self.servos.iter_mut().zip(&self.from).enumerate() {
+            let from = super::limiter::degrees(*from);
+            let target = from + fade * (reel.at(channel, t) - from);
+            behind |= !servo.follow(units(target));
+        }
+        self.status.limited = self.status.limited.wrapping_add(u32::from(behind));
+        self.faded = self.faded.saturating_add(1);
+        reel.time += u32::from(reel.frame_rate);
+        let mut state = State::Playing;
+        while reel.time >= rate {
+            // The next frame is reached; what lies behind it must be known, or nothing does.
+            let next = match self.source.peek() {
+                _ if reel.ended => None,
+                Some(Item::Frame(frame)) => Some(*frame),
+                Some(Item::End) => {
+                    reel.ended = true;
+                    let _ = self.source.take();
+                    continue;
+                }
+                Some(Item::Begin { .. }) => {
+                    reel.ended = true;
+                    continue;
+                }
+                None => {
+                    // Stays at the next frame until the one behind it comes.
+                    reel.time = rate;
+                    self.status.starved = self.status.starved.wrapping_add(1);
+                    state = State::Starved;
+                    break;
+                }
+            };
+            reel.time -= rate;
+            match next {
+                Some(frame) => {
+                    let _ = self.source.take();
+                    self.status.frames = self.status.frames.wrapping_add(1);
+                    reel.push(frame);
+                }
+                None if reel.left > 0 => {
+                    let [_, b, c, d] = reel.frames;
+                    reel.frames = [b, c, d, d];
+                    reel.left -= 1;
+                }
+                None => {
+                    self.finish();
+                    return State::Playing;
+                }
+            }
+        }
+        self.drive = Drive::Motion(reel);
+        state
+    }
+
+    /// The motion has been played.
+    fn finish(&mut self) {
+        self.status.finished = self.status.finished.wrapping_add(1);
+        self.begin(match self.robot.after {
+            Rest::Hold => Drive::None,
+            Rest::Neutral => Drive::Return,
+        });
+    }
+
+    /// A tick of the way to neutral.
+    #[inline(never)]
+    fn go_home(&mut self) -> State {
+        let weight = self.weight(self.robot.return_time);
+        let mut there = true;
+        for ((servo, from), channel) in self.servos.iter_mut().zip(&self.from).zip(&self.robot.channels) {
+            let from = super::limiter::degrees(*from);
+            let target = if weight >= 1.0 { channel.neutral } else { from + weight * (channel.neutral - from) };
+            servo.follow(units(target));
+            there &= servo.at() == units(channel.neutral) && servo.step() == 0;
+        }
+        self.faded = self.faded.saturating_add(1);
+        if there && weight >= 1.0 { State::Neutral } else { State::Returning }
+    }
+
+    /// Smooth from 0 to 1 within `seconds` of the present fade.
+    fn weight(&self, seconds: f32) -> f32 {
+        let ticks = seconds * f32::from(self.robot.tick_rate);
+        let t = (self.faded as f32 + 1.0) / (ticks + 1.0);
+        if t < 1.0 { t * t * (3.0 - 2.0 * t) } else { 1.0 }
+    }
+
+    /// Slows every servo down. Returns whether all stand.
+    #[inline(never)]
+    fn brake(&mut self) -> bool {
+        let mut stand = true;
+        for servo in &mut self.servos {
+            stand &= servo.brake();
+        }
+        stand
+    }
+}
+
+impl Channel {
+    /// What the servo may do at so many ticks a second, standing at neutral. Limits are rounded to the safe side.
+    #[inline(never)]
+    fn limiter(&self, tick_rate: u16) -> Limiter {
+        let rate = f32::from(tick_rate);
+        let [low, high] = self.range.map(units);
+        let (step, change) = (self.speed / rate * UNITS, self.acceleration / (rate * rate) * UNITS);
+        Limiter::new(Limits { low, high, step: step as Angle, change: change as Angle }, units(self.neutral))
+    }
+
+    /// The command for an angle of the range: its ends are [`Channel::command`]'s.
+    #[inline(never)]
+    fn command(&self, angle: Angle) -> u16 {
+        let [low, high] = self.range.map(|end| i64::from(units(end)));
+        let [first, last] = self.command.map(i64::from);
+        let (way, span) = (i64::from(angle) - low, high - low);
+        let command = (way * (last - first) + span / 2).checked_div(span).map_or(first, |part| first + part);
+        let kept = if command < first {
+            first
+        } else if command > last {
+            last
+        } else {
+            command
+        };
+        kept as u16
+    }
+}
