@@ -11,6 +11,7 @@
 //! | [`mod@reference`] | the plain-loop reference in f32 and f64: encoder, decoder, recovery, gradients, solver |
 //! | [`convert`] | quantisation and the blob |
 //! | [`export`] | motions in files that other programs read: BVH |
+//! | [`robot_file`] | `robot.toml`: servos, what they follow and what they may do |
 //! | [`anchors_file`] | `anchors.json`: where the motion must pass |
 //! | [`metrics`] | figures of a motion: jerk, foot skating, joint errors, control error |
 //! | [`agreement`] | how far two motions are apart |
@@ -41,4 +42,5 @@ pub mod output;
 pub mod parallel;
 pub mod plan;
 pub mod reference;
+pub mod robot_file;
 pub mod verify;
