@@ -4,7 +4,7 @@
 use crate::bundle;
 use crate::intervals;
 use crate::report::{Parts, Report};
-use crate::robot::{self, Recorder};
+use crate::robot::{Kind, Played, Stage};
 use crate::session::{self, Outcome};
 use crate::source::{self, Content, Source};
 use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownStage, ShownWord};
@@ -15,6 +15,7 @@ use motionette::motion::skeleton::{NAMES, PARENTS};
 use motionette::perception::anchors::AnchorSet;
 use motionette::perception::text::{UNKNOWN, Words};
 use motionette::planning::{Length, Planning};
+use motionette::playback::Robot;
 use motionette::refining::{Activity, Basis, Config};
 use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
@@ -25,12 +26,9 @@ use motionette_host::motion::Pose;
 use motionette_host::reference::{Prior, Road};
 use motionette_host::verify::planner::{self, Case};
 use motionette_host::verify::solvers::reference_anchor;
-use motionette_host::{anchors_file, export, output};
+use motionette_host::{anchors_file, export, output, robot_file};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-
-/// The robot's loop runs at 1 kHz.
-const TICK_MICROSECONDS: u64 = 1_000;
 
 /// Text or a real motion through the runtime, bent onto anchors, checked against the reference, written to a folder.
 ///
@@ -65,7 +63,7 @@ pub struct Cmd {
     /// rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled.
     #[arg(long, default_value = "fast:20", value_parser = refinement)]
     refinement: Refinement,
-    /// Seed of the planner, and of the shuffled-activity ablation.
+    /// Seed of the planner, of the shuffled-activity ablation, and of the faults.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Another model than the built-in one.
@@ -81,6 +79,12 @@ pub struct Cmd {
     /// is said.
     #[arg(long, value_name = "FILE")]
     control: Option<PathBuf>,
+    /// The robot whose servos play the motion: a preset (`motionette robot presets`) or a robot.toml.
+    #[arg(long, default_value = "upper-body", value_name = "NAME|FILE")]
+    robot: String,
+    /// What goes wrong on the way: nack, stuck, late, bit, brownout (buses and power), corrupt (blob), overrun, arena (generator).
+    #[arg(long, value_name = "FAULT,..", value_delimiter = ',')]
+    faults: Vec<Kind>,
     /// Folder for the results.
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
@@ -152,6 +156,7 @@ impl Cmd {
         motionette_host::verify::check_same_model(&blob, &checkpoint)?;
         let model = blob.model()?;
         let source = self.source(&checkpoint, &model)?;
+        let robot = robot_file::load(&self.robot).context("reading the robot")?;
 
         say(&format!("{}: {}", source.name, source.caption));
         for note in &source.notes {
@@ -177,8 +182,7 @@ impl Cmd {
         agreement.add(&source.name, &after.joints, &reference);
         let Some(agreement) = agreement.clips.first() else { bail!("the motion has no frames") };
 
-        let mut body = Recorder::default();
-        let robot = robot::play(&after.joints, model.frame_rate(), TICK_MICROSECONDS, &mut body);
+        let played = self.play(&robot, &model, &source, config, after)?;
         let unseen = plan.is_some() && after.unconditioned_anchors > 0;
         let unconditioned_because = match unseen {
             true if self.unconditioned => Some("--unconditioned".to_owned()),
@@ -199,13 +203,17 @@ impl Cmd {
             after,
             agreement,
             reference_ms,
-            robot,
+            robot: &played.report,
             blob_bytes: model.bytes().len(),
         });
         for (label, value) in report.lines().into_iter().chain(report.anchor_lines()) {
             say(&format!("  {label:28}{value}"));
         }
-        self.write(&Results { source: &source, motions: &motions, plan: plan.as_ref() }, &reference, &report)?;
+        self.write(
+            &Results { source: &source, motions: &motions, plan: plan.as_ref(), played: &played },
+            &reference,
+            &report,
+        )?;
         say(&format!("  results                     {}", self.out.join("viewer.html").display()));
         if self.json {
             say(&serde_json::to_string(&report)?);
@@ -215,10 +223,7 @@ impl Cmd {
 
     /// The request's motion and those that show what each stage did to it.
     fn motions(&self, model: &Model<'_>, source: &Source, config: Option<Config>) -> anyhow::Result<Motions> {
-        let request = match &source.content {
-            Content::Tokens(tokens) => Request::tokens(tokens),
-            Content::Prompt(text) => Request::text(text).planned(self.planning(model)),
-        };
+        let request = self.request(model, source);
         let through = session::through(request, &source.anchors, config);
         let after = session::run(model, &through, |_| ()).with_context(|| self.hint(source))?;
         // Without anchors nothing is bent; with them the same tokens are decoded as they are.
@@ -234,6 +239,39 @@ impl Cmd {
             false => None,
         };
         Ok(Motions { alone, before, after })
+    }
+
+    /// The robot plays the motion.
+    fn play(
+        &self,
+        robot: &Robot,
+        model: &Model<'_>,
+        source: &Source,
+        config: Option<Config>,
+        after: &Outcome,
+    ) -> anyhow::Result<Played> {
+        let mut faults = self.faults.clone();
+        faults.sort_unstable();
+        faults.dedup();
+        let request = session::through(self.request(model, source), &source.anchors, config);
+        let stage = Stage {
+            robot,
+            model,
+            request: &request,
+            frames: &after.joints,
+            anchors: &source.anchors,
+            faults: &faults,
+            seed: self.seed,
+        };
+        stage.run()
+    }
+
+    /// The request without its anchors.
+    fn request<'r>(&self, model: &Model<'_>, source: &'r Source) -> Request<'r> {
+        match &source.content {
+            Content::Tokens(tokens) => Request::tokens(tokens),
+            Content::Prompt(text) => Request::text(text).planned(self.planning(model)),
+        }
     }
 
     /// What the request is made from, its anchors checked.
@@ -362,7 +400,7 @@ impl Cmd {
     }
 
     fn write(&self, results: &Results<'_>, reference: &[Pose], report: &Report) -> anyhow::Result<()> {
-        let Results { source, motions, plan } = *results;
+        let Results { source, motions, plan, played } = *results;
         let Motions { alone, before, after } = motions;
         std::fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot make the folder {}; give another one with --out", self.out.display()))?;
@@ -379,6 +417,8 @@ impl Cmd {
             let label = "what the planner makes when it does not see the anchors";
             shown.push(Shown::new("alone", "Prompt alone", label, &alone.joints));
         }
+        let label = "what the servos made of the refined motion, by forward kinematics";
+        shown.push(Shown::new("robot", "Robot", label, &played.body));
         shown.push(Shown::new("reference", "Reference", "f32 reference of the refined embeddings", reference));
         let tolerance = self.refinement.0.unwrap_or_default().tolerance;
         let compared: [&[Pose]; 2] = [&before.joints, &after.joints];
@@ -401,6 +441,7 @@ impl Cmd {
             anchors: report.anchor_errors.clone(),
             note: report.unconditioned_because.as_ref().map(|_| format!("The planner saw {}.", report.seen())),
             intervals,
+            robot: &played.shown,
             curve: curve(&after.errors),
             error_alone_cm: report.control_error_unconditioned_cm.filter(|_| report.planner_conditioned),
             error_before_cm: report.control_error_before_cm,
@@ -423,6 +464,7 @@ struct Results<'r> {
     source: &'r Source,
     motions: &'r Motions,
     plan: Option<&'r Compared>,
+    played: &'r Played,
 }
 
 /// The motions of a run.

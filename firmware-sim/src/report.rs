@@ -1,5 +1,6 @@
 //! The figures of a run: as text, as markdown, and as one JSON object with stable names.
 
+use crate::robot::RobotReport;
 use crate::session::{self, Outcome};
 use motionette::{Anchor, JOINTS, Target};
 use motionette_host::agreement::ClipAgreement;
@@ -87,10 +88,8 @@ pub struct Report {
     pub decoding_ms: f64,
     /// Milliseconds in the reference.
     pub reference_ms: f64,
-    /// Frames that the robot's loop showed.
-    pub frames_shown: usize,
-    /// Of these, more than a tick late.
-    pub frames_late: usize,
+    /// What the simulated robot made of it.
+    pub robot: RobotReport,
     /// Hash over every bit of the token embeddings and joints.
     pub motion_hash: String,
 }
@@ -185,7 +184,7 @@ impl Report {
                 times.0, times.1, times.2, times.3
             ),
         ));
-        lines.push(line("robot loop", format!("{} frames shown, {} late", self.frames_shown, self.frames_late)));
+        lines.extend(self.robot.lines());
         lines.push(line("motion hash", self.motion_hash.clone()));
         lines
     }
@@ -285,8 +284,8 @@ pub struct Parts<'p> {
     pub agreement: &'p ClipAgreement,
     /// Milliseconds in the reference.
     pub reference_ms: f64,
-    /// How the robot's loop went.
-    pub robot: crate::robot::Loop,
+    /// What the simulated robot made of it.
+    pub robot: &'p RobotReport,
     /// Length of the blob.
     pub blob_bytes: usize,
 }
@@ -341,8 +340,7 @@ impl From<&Parts<'_>> for Report {
             refining_ms: milliseconds(after.refining),
             decoding_ms: milliseconds(after.decoding),
             reference_ms: parts.reference_ms,
-            frames_shown: parts.robot.frames,
-            frames_late: parts.robot.late,
+            robot: parts.robot.clone(),
             motion_hash: format!("{:016x}", after.hash),
         }
     }

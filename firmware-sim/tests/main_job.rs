@@ -373,3 +373,29 @@ fn a_prompt_that_is_no_text_is_refused() {
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && text.contains("UTF-8") && !text.contains("panicked"), "{text}");
 }
+
+#[test]
+fn the_robot_plays_it_and_comes_back_from_every_fault() {
+    let out = folder();
+    let arguments = ["--faults", "nack,brownout,overrun,corrupt,arena", "--seed", "3", "--json", "--out"];
+    let output = simulate(&[&arguments[..], &[&path(&out, "results")]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let robot = &last_line(&output)["robot"];
+    assert_eq!((&robot["faults_injected"], &robot["faults_recovered"]), (&5.into(), &5.into()), "{robot}");
+    assert_eq!((&robot["missed_ticks"], &robot["limit_violations"]), (&0.into(), &0.into()), "{robot}");
+    assert_eq!((&robot["end_state"], &robot["motions"]), (&"neutral".into(), &2.into()), "{robot}");
+    assert!(robot["ticks"].as_u64() > Some(500) && robot["bus_errors"].as_u64() > Some(0), "{robot}");
+    let number = |name: &str| robot[name].as_f64().unwrap_or(f64::NAN);
+    assert!(number("worst_tracking_deg") < 15.0 && number("servo_control_error_cm") < 30.0, "{robot}");
+
+    let page = std::fs::read_to_string(path(&out, "results/viewer.html")).expect("the viewer");
+    assert!(page.contains("\"brownout\"") && page.contains("right elbow"), "the viewer shows servos and faults");
+    for (arguments, said) in [
+        (&["--faults", "nack,flood"][..], "known are nack, stuck, late, bit, brownout, corrupt, overrun, arena"),
+        (&["--robot", "no-such-robot"], "upper-body"),
+    ] {
+        let output = simulate(arguments);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && text.contains(said), "{arguments:?}: {text}");
+    }
+}

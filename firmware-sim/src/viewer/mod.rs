@@ -2,6 +2,7 @@
 
 use crate::intervals::Interval;
 use crate::report::AnchorErrors;
+use crate::robot::ShownRobot;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use motionette_host::motion::Pose;
@@ -10,7 +11,7 @@ use serde::Serialize;
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/style.css");
 /// Scripts in the order in which they build on one another.
-const SCRIPTS: [&str; 8] = [
+const SCRIPTS: [&str; 9] = [
     include_str!("page/scene.js"),
     include_str!("page/camera.js"),
     include_str!("page/body.js"),
@@ -18,13 +19,14 @@ const SCRIPTS: [&str; 8] = [
     include_str!("page/chart.js"),
     include_str!("page/tokens.js"),
     include_str!("page/intervals.js"),
+    include_str!("page/servos.js"),
     include_str!("page/app.js"),
 ];
 
 /// A motion to be shown.
 #[derive(Debug, Serialize)]
 pub struct Shown {
-    /// `after`, `before`, `alone` or `reference`.
+    /// `after`, `before`, `alone`, `robot` or `reference`.
     pub id: &'static str,
     /// What it is called.
     pub name: &'static str,
@@ -35,7 +37,7 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// A motion under one of the four ids.
+    /// A motion under one of these ids.
     #[must_use]
     pub fn new(id: &'static str, name: &'static str, label: &'static str, motion: &[Pose]) -> Self {
         let bytes: Vec<u8> = motion.iter().flatten().flatten().flat_map(|v| v.to_le_bytes()).collect();
@@ -94,7 +96,7 @@ pub struct Fact {
 
 /// Everything the page shows.
 #[derive(Debug, Serialize)]
-pub struct Scene {
+pub struct Scene<'s> {
     /// Name of the motion.
     pub title: String,
     /// What it shows.
@@ -121,6 +123,8 @@ pub struct Scene {
     pub note: Option<String>,
     /// The intervals between them, with their activities at the motion as generated and as refined.
     pub intervals: Vec<Interval>,
+    /// The robot that played it.
+    pub robot: &'s ShownRobot,
     /// Control error over decoder evaluations.
     pub curve: Vec<CurvePoint>,
     /// Mean control error of the prompt alone, centimetres, where the planner of the others saw anchors.
@@ -137,7 +141,7 @@ pub struct Scene {
 ///
 /// # Errors
 /// When the scene cannot be serialised (it always can).
-pub fn page(scene: &Scene) -> serde_json::Result<String> {
+pub fn page(scene: &Scene<'_>) -> serde_json::Result<String> {
     // In a script element only `<` could end the data early.
     let data = serde_json::to_string(scene)?.replace('<', "\\u003c");
     Ok(PAGE.replace("/*STYLE*/", STYLE).replace("/*SCRIPT*/", &SCRIPTS.join("\n")).replace("/*SCENE*/", &data))

@@ -29,11 +29,13 @@ struct Reel<const C: usize> {
     /// Time since the second frame, in ticks times the frame rate; the next frame is due at the tick rate.
     time: u32,
     frame_rate: u8,
+    /// Number of the second frame in the motion.
+    index: u32,
 }
 
 impl<const C: usize> Reel<C> {
     fn new(frame_rate: u8) -> Self {
-        Reel { frames: [[0; C]; 4], taken: 0, ended: false, left: 0, time: 0, frame_rate }
+        Reel { frames: [[0; C]; 4], taken: 0, ended: false, left: 0, time: 0, frame_rate, index: 0 }
     }
 
     /// Appends a frame to those not yet shown.
@@ -102,6 +104,8 @@ pub struct Player<'a, const C: usize> {
     cutting: Option<u8>,
     cut: u8,
     status: Status,
+    /// What of the motion the last tick showed.
+    frame: Option<f32>,
 }
 
 impl<'a, const C: usize> Player<'a, C> {
@@ -131,6 +135,7 @@ impl<'a, const C: usize> Player<'a, C> {
             cutting: None,
             cut: 0,
             status: Status::default(),
+            frame: None,
         }
     }
 
@@ -151,6 +156,12 @@ impl<'a, const C: usize> Player<'a, C> {
     /// Angles that the servos were last told to take, degrees.
     pub fn angles(&self) -> impl Iterator<Item = f32> + '_ {
         self.servos.iter().map(|servo| super::limiter::degrees(servo.at()))
+    }
+
+    /// The frame of its motion that the last tick showed, with the part of the way to the next; `None` when it played none.
+    #[must_use]
+    pub const fn frame(&self) -> Option<f32> {
+        self.frame
     }
 
     /// Ticks a second.
@@ -178,6 +189,7 @@ impl<'a, const C: usize> Player<'a, C> {
         for (before, servo) in self.before.iter_mut().zip(&self.servos) {
             *before = servo.at();
         }
+        self.frame = None;
         let wish = self.control.wish();
         self.status.state = match wish {
             Wish::Run => self.run(),
@@ -329,6 +341,7 @@ impl<'a, const C: usize> Player<'a, C> {
             let target = from + fade * (reel.at(channel, t) - from);
             behind |= !servo.follow(units(target));
         }
+        self.frame = Some(reel.index as f32 + t);
         self.status.limited = self.status.limited.wrapping_add(u32::from(behind));
         self.faded = self.faded.saturating_add(1);
         reel.time += u32::from(reel.frame_rate);
@@ -356,6 +369,7 @@ impl<'a, const C: usize> Player<'a, C> {
                 }
             };
             reel.time -= rate;
+            reel.index = reel.index.saturating_add(1);
             match next {
                 Some(frame) => {
                     let _ = self.source.take();

@@ -1,10 +1,10 @@
 // Ties the page together: playback, timeline, pointer and keyboard, figures.
 const player = { frame: 0, playing: false, speed: 1, follow: false, last: 0 };
 let dirty = true;
-// Mark the token and the interval of a frame; set once there are any to show.
-let markToken = null, markInterval = null;
+// Mark the token, the interval and the servos' angles of a frame; set once there are any to show.
+let markToken = null, markInterval = null, markServos = null;
 // Layers by key 1, 2, ...; the motions among them are those that the scene has.
-const LAYERS = ["after", "before", "alone", "reference", "trails", "labels"];
+const LAYERS = ["after", "before", "alone", "robot", "reference", "trails", "labels"];
 const STAGES = ["alone", "before", "after"].filter((id) => motions[id]);
 const ICONS = { play: "M3 1.5v13l11-6.5z", pause: "M3 2h4v12H3zM9 2h4v12H9z" };
 
@@ -30,6 +30,7 @@ function syncControls() {
   $("clock").innerHTML = `<b>${(f / scene.fps).toFixed(2)} s</b>frame ${f} / ${FRAMES - 1}`;
   if (markToken) markToken(f);
   if (markInterval) markInterval(f);
+  if (markServos) markServos(f);
   const lit = (i) => Math.abs(scene.anchors[i].frame - player.frame) < 1.5;
   document.querySelectorAll("#ticks button, #anchors tbody tr").forEach((e) => e.classList.toggle("now", lit(+e.dataset.anchor)));
 }
@@ -75,7 +76,7 @@ function setTheme(name) {
   dirty = true;
 }
 
-const COLORS = { after: "--accent", before: "--before", alone: "--alone", reference: "--reference" };
+const COLORS = { after: "--accent", before: "--before", alone: "--alone", robot: "--robot", reference: "--reference" };
 const hasLayer = (id) => !!motions[id] || id === "trails" || id === "labels";
 
 function buildToggles() {
@@ -157,6 +158,8 @@ function buildFigures() {
   drawChart($("chart"), scene.curve);
   drawStages($("stages"), scene.stages);
   if (scene.intervals.length) markInterval = drawIntervals($("intervals"), scene.intervals);
+  $("robotname").textContent = scene.robot.name;
+  markServos = drawServos($("servos"), scene.robot);
   $("planbox").hidden = !scene.plan;
   if (!scene.plan) return;
   for (const word of scene.plan.words) {

@@ -22,6 +22,10 @@ use super::control::State;
 use super::player::Player;
 use super::robot::Channel;
 
+/// Attempts in a tick, and in a tick after one in which all failed: a bus that is down must not keep the processor from its work.
+const ATTEMPTS: u32 = 4;
+const ATTEMPTS_WHEN_DOWN: u32 = 2;
+
 /// A clock, and until when there is time.
 pub struct Time<'a> {
     now: &'a mut dyn FnMut() -> u32,
@@ -140,7 +144,7 @@ impl<'a, O: Output, const C: usize> Runner<'a, O, C> {
         &self.bus
     }
 
-    /// One tick, in at most `budget` microseconds of the clock `now` and one attempt more: to be called [`Player::tick_rate`] times a
+    /// One tick, in at most a few attempts, none of which begins when `budget` microseconds of the clock `now` are over: to be called [`Player::tick_rate`] times a
     /// second.
     pub fn tick(&mut self, now: &mut dyn FnMut() -> u32, budget: u32) -> Ticked<O::Error> {
         let mut time = Time::new(now, budget);
@@ -148,14 +152,14 @@ impl<'a, O: Output, const C: usize> Runner<'a, O, C> {
         let servos = if self.bus.down { self.player.stand() } else { self.player.tick() };
         let state = servos.state;
         let mut failed = None;
-        loop {
+        let most = if self.bus.down { ATTEMPTS_WHEN_DOWN } else { ATTEMPTS };
+        for attempt in 1.. {
             match self.output.write(channels, servos.commands, &mut time) {
                 Ok(()) => break,
                 Err(error) => {
                     self.bus.errors = self.bus.errors.wrapping_add(1);
-                    let tried_before = failed.replace(error).is_some();
-                    // Every attempt takes time; should the clock stand still, a second one has to do.
-                    if time.left() == 0 || (tried_before && self.bus.down) {
+                    failed = Some(error);
+                    if attempt >= most || time.left() == 0 {
                         self.bus.failed = self.bus.failed.wrapping_add(1);
                         self.bus.down = true;
                         self.player.rewind();

@@ -27,6 +27,8 @@ pub struct Pca9685<I2C> {
     address: u8,
     prescale: u8,
     off: [u16; 16],
+    /// Whether it has been set up before.
+    known: bool,
 }
 
 /// Why a chip could not be written to.
@@ -62,7 +64,7 @@ impl<I2C: I2c> Pca9685<I2C> {
         } else {
             prescale as u8
         };
-        Pca9685 { i2c: Some(i2c), address, prescale, off: [0; 16] }
+        Pca9685 { i2c: Some(i2c), address, prescale, off: [0; 16], known: false }
     }
 
     /// The bus.
@@ -70,11 +72,20 @@ impl<I2C: I2c> Pca9685<I2C> {
         self.i2c.as_mut()
     }
 
-    /// Counts of a pulse, microseconds.
-    const fn counts(&self, pulse: u16) -> u16 {
-        let step = self.prescale as u32 + 1;
-        let counts = (pulse as u32 * OSCILLATOR_MHZ + step / 2) / step;
-        if counts >= COUNTS { COUNTS as u16 - 1 } else { counts as u16 }
+    /// Counts of a pulse, microseconds, to the nearest whole number inside `[first, last]`.
+    fn counts(&self, pulse: u16, [first, last]: [u16; 2]) -> u16 {
+        let step = u32::from(self.prescale) + 1;
+        let rounded = |pulse: u16, up: u32| (u32::from(pulse) * OSCILLATOR_MHZ + up) / step;
+        let (least, most) = (rounded(first, step - 1), rounded(last, 0));
+        let nearest = rounded(pulse, step / 2);
+        let kept = if nearest < least {
+            least
+        } else if nearest > most {
+            most
+        } else {
+            nearest
+        };
+        if kept >= COUNTS { COUNTS as u16 - 1 } else { kept as u16 }
     }
 
     fn register(&mut self, register: u8) -> Result<u8, Pca9685Error<I2C::Error>> {
@@ -107,7 +118,7 @@ impl<I2C: I2c> Output for Pca9685<I2C> {
             if let Bus::Pca9685 { address, output } = channel.bus
                 && address == self.address
             {
-                let counts = self.counts(*command);
+                let counts = self.counts(*command, channel.command);
                 if let Some(off) = self.off.get_mut(usize::from(output)) {
                     *off = counts;
                 }
@@ -123,7 +134,8 @@ impl<I2C: I2c> Output for Pca9685<I2C> {
                 driver.set_all_on_off(&[0; 16], off)?;
                 driver.enable()
             })?;
-            return Err(Pca9685Error::Reset);
+            // The first time nothing was lost.
+            return if core::mem::replace(&mut self.known, true) { Err(Pca9685Error::Reset) } else { Ok(()) };
         }
         self.with_driver(|driver, off| {
             driver.enable()?;

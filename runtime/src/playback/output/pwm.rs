@@ -37,7 +37,18 @@ impl<P: SetDutyCycle, const N: usize> Output for Pwm<P, N> {
             let Bus::Pwm { pin: number } = channel.bus else { continue };
             let pin = self.pins.get_mut(usize::from(number)).ok_or(PwmError::NoPin(number))?;
             let most = u32::from(pin.max_duty_cycle());
-            let duty = (u32::from(*command) * most + self.period / 2).checked_div(self.period).unwrap_or(0);
+            let scaled = |command: u16, up: u32| (u32::from(command) * most + up).checked_div(self.period).unwrap_or(0);
+            // To the nearest count inside the limits.
+            let [first, last] = channel.command;
+            let (low, high) = (scaled(first, self.period.saturating_sub(1)), scaled(last, 0));
+            let nearest = scaled(*command, self.period / 2);
+            let duty = if nearest < low {
+                low
+            } else if nearest > high {
+                high
+            } else {
+                nearest
+            };
             let duty = if duty > most { most } else { duty };
             pin.set_duty_cycle(duty as u16).map_err(PwmError::Pin)?;
         }

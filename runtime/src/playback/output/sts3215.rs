@@ -2,7 +2,7 @@
 //!
 //! A packet is `FF FF id length instruction parameters.. checksum`; the length counts what follows it, the checksum is the inverted sum
 //! of all bytes behind the header. All servos get their goals in one packet, which nobody answers; so one servo a tick, in turn, is
-//! asked where it stands, and a servo that is gone, or a bus that garbles, is found within as many ticks as there are servos. The bus
+//! asked where it stands and whether its motor is on, and a servo that is gone or has lost its power, or a bus that garbles, is found within as many ticks as there are servos. The bus
 //! has one wire: the adapter must not echo what is sent.
 
 use embedded_io::{Read, ReadReady, Write};
@@ -36,8 +36,10 @@ pub const BROADCAST: u8 = 0xFE;
 pub const HEADER: [u8; 2] = [0xFF, 0xFF];
 /// Longest packet: goals of all channels.
 const LONGEST: usize = 8 + 3 * MAX_CHANNELS;
-/// Bytes of the answer to a read of two bytes.
-const ANSWER: usize = 8;
+/// Registers that are read: from [`register::TORQUE`] to the second byte of [`register::POSITION`].
+const BLOCK: u8 = register::POSITION + 2 - register::TORQUE;
+/// Bytes of the answer.
+const ANSWER: usize = 6 + BLOCK as usize;
 
 /// The servos of one bus.
 #[derive(Debug)]
@@ -64,6 +66,11 @@ pub enum Sts3215Error<E> {
     /// An answer was garbled.
     Garbled {
         /// Whose.
+        id: u8,
+    },
+    /// A servo's motor is off: it has lost its power, or was switched off. The next attempt switches it on.
+    Off {
+        /// Which.
         id: u8,
     },
     /// A servo protects itself.
@@ -140,7 +147,7 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
             }
             self.port.read(&mut byte).map_err(Sts3215Error::Port)?;
         }
-        let packet = Packet::new(id, instruction::READ, &[register::POSITION, 2]);
+        let packet = Packet::new(id, instruction::READ, &[register::TORQUE, BLOCK]);
         packet.send(&mut self.port).map_err(Sts3215Error::Port)?;
         let mut answer = heapless::Vec::<u8, ANSWER>::new();
         while !answer.is_full() {
@@ -156,12 +163,18 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
             let [byte] = byte;
             let _ = answer.push(byte);
         }
-        let [0xFF, 0xFF, from, 4, flags, low, high, sum] = *answer else { return Err(Sts3215Error::Garbled { id }) };
-        if from != id || sum != checksum(&[from, 4, flags, low, high]) {
-            return Err(Sts3215Error::Garbled { id });
+        let garbled = Sts3215Error::Garbled { id };
+        let Some((sum, packet)) = answer.split_last() else { return Err(garbled) };
+        let [0xFF, 0xFF, content @ ..] = packet else { return Err(garbled) };
+        let [from, length, flags, torque, .., low, high] = *content else { return Err(garbled) };
+        if from != id || length != BLOCK + 2 || *sum != checksum(content) {
+            return Err(garbled);
         }
         if flags != 0 {
             return Err(Sts3215Error::Servo { id, flags });
+        }
+        if torque == 0 {
+            return Err(Sts3215Error::Off { id });
         }
         Ok(u16::from_le_bytes([low, high]))
     }
@@ -211,7 +224,7 @@ impl<S: Read + ReadReady + Write> Output for Sts3215<S> {
                 Ok(())
             }
             Err(error) => {
-                // It may have lost its power: its motor is switched on again with the next goals.
+                // Motors are switched on again with the next goals.
                 self.cold = true;
                 Err(error)
             }

@@ -1,0 +1,28 @@
+//! The simulated robot: the firmware's own playback on simulated buses, chips and servos, with faults on purpose.
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`clock`] | virtual time |
+//! | [`pca9685`], [`sts3215`] | register model and packet model of the chips |
+//! | [`hardware`] | chips, and motors with slew and load |
+//! | [`wires`] | buses as the drivers see them, and the middleware that spoils them |
+//! | [`faults`] | what goes wrong, and when |
+//! | [`firmware`] | its start: blob, self-test, motions |
+//! | [`simulation`] | a run: ticks, events, and what an oscilloscope would find |
+//! | [`stage`], [`report`] | the main job's last stage, its figures, and what the viewer shows |
+
+pub mod clock;
+pub mod faults;
+pub mod firmware;
+pub mod hardware;
+pub mod pca9685;
+pub mod report;
+pub mod simulation;
+pub mod stage;
+pub mod sts3215;
+pub mod wires;
+
+pub use faults::{Fault, Kind};
+pub use report::{RobotReport, ShownRobot};
+pub use simulation::{EndState, Event, Moment, Run, Scenario, run};
+pub use stage::{Played, Stage};
