@@ -234,8 +234,7 @@ impl Store {
         let (a, b) = (header(Slot::A), header(Slot::B));
         let b_first = matches!((&a, &b), (Some((_, a)), Some((_, b))) if b.newer_than(a));
         let candidates = if b_first { [b, a] } else { [a, b] };
-        let active =
-            candidates.into_iter().flatten().find(|(slot, header)| verified(storage, *slot, header).is_ok());
+        let active = candidates.into_iter().flatten().find(|(slot, header)| verified(storage, *slot, header).is_ok());
         Store { active, incoming: None }
     }
 

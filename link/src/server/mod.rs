@@ -72,11 +72,14 @@ impl Server {
     /// executes the requests in them.
     pub fn receive<D: Device>(&mut self, now: u64, mut bytes: &[u8], device: &mut D, out: &mut impl Sink) {
         while let Some(received) = self.receiver.next(&mut bytes) {
-            // Skipped bytes have been counted and are part of every status.
-            let handled = received.map(|message| self.inner.handle(now, message, device, out));
-            if let Ok(Some(reply)) = handled {
-                let reply = reply.with_skipped(self.receiver.faults());
-                self.inner.answer(&reply, out);
+            // What was skipped has been counted and is part of every status.
+            let Ok(message) = received else { continue };
+            let Ok((header, body)) = postcard::take_from_bytes::<Header>(message) else {
+                self.receiver.count_headless();
+                continue;
+            };
+            if let Some(answer) = self.inner.handle(now, header, body, device, out) {
+                self.inner.answer(answer, self.receiver.faults(), out);
             }
         }
     }
@@ -96,25 +99,16 @@ struct Answer {
     keep: bool,
 }
 
-impl Answer {
-    fn with_skipped(mut self, faults: Faults) -> Self {
-        if let Reply::Status(status) = &mut self.reply {
-            status.skipped = faults;
-        }
-        self
-    }
-}
-
 impl Inner {
     /// Executes one request. `None`: there is nothing to answer, or the answer was repeated.
     fn handle<D: Device>(
         &mut self,
         now: u64,
-        message: &[u8],
+        header: Header,
+        body: &[u8],
         device: &mut D,
         out: &mut impl Sink,
     ) -> Option<Answer> {
-        let (header, body) = postcard::take_from_bytes::<Header>(message).ok()?;
         self.watch.heard(now);
         let refuse = |refusal| Some(Answer { header, reply: Reply::Refused(refusal), keep: false });
         if header.version != PROTOCOL {
@@ -144,14 +138,14 @@ impl Inner {
         Some(Answer { header, reply, keep: true })
     }
 
-    fn answer(&mut self, answer: &Answer, out: &mut impl Sink) {
-        let Answer { header, reply, keep } = answer;
-        let header = Header { version: PROTOCOL, ..*header };
-        let sent = if *keep {
-            self.session.keep(&(header, reply)).is_some_and(|frame| push(out, frame))
-        } else {
-            send(out, &(header, reply))
-        };
+    fn answer(&mut self, answer: Answer, skipped: Faults, out: &mut impl Sink) {
+        let Answer { header, mut reply, keep } = answer;
+        if let Reply::Status(status) = &mut reply {
+            status.skipped = skipped;
+        }
+        let message = (Header { version: PROTOCOL, ..header }, reply);
+        let sent =
+            if keep { self.session.keep(&message).is_some_and(|frame| push(out, frame)) } else { send(out, &message) };
         self.unsent = self.unsent.saturating_add(u32::from(!sent));
     }
 
