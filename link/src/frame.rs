@@ -114,15 +114,15 @@ pub struct Faults {
     pub too_long: u32,
     /// Wrong checksum.
     pub checksum: u32,
-    /// A message without a header; the receiver's owner counts these.
-    pub headless: u32,
+    /// A message without a header, or one from the wrong end of the line; the receiver's owner counts these.
+    pub unfit: u32,
 }
 
 impl Faults {
     /// All of them.
     #[must_use]
     pub const fn total(&self) -> u32 {
-        self.encoding.saturating_add(self.too_long).saturating_add(self.checksum).saturating_add(self.headless)
+        self.encoding.saturating_add(self.too_long).saturating_add(self.checksum).saturating_add(self.unfit)
     }
 
     fn count(&mut self, fault: Fault) {
@@ -155,7 +155,7 @@ impl<const N: usize> Receiver<N> {
     /// Waits for a frame.
     #[must_use]
     pub const fn new() -> Self {
-        let faults = Faults { encoding: 0, too_long: 0, checksum: 0, headless: 0 };
+        let faults = Faults { encoding: 0, too_long: 0, checksum: 0, unfit: 0 };
         Receiver { buffer: [0; N], length: 0, overflown: false, decoder: DecoderState::Idle, faults }
     }
 
@@ -165,9 +165,9 @@ impl<const N: usize> Receiver<N> {
         self.faults
     }
 
-    /// Counts a message that has no header.
-    pub fn count_headless(&mut self) {
-        self.faults.headless = self.faults.headless.saturating_add(1);
+    /// Counts a message that has no header or comes from the wrong end.
+    pub fn count_unfit(&mut self) {
+        self.faults.unfit = self.faults.unfit.saturating_add(1);
     }
 
     /// Takes bytes from the front of `bytes` up to the end of the next frame and returns its message, checked and without

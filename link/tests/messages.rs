@@ -106,7 +106,7 @@ fn every_reply_there_and_back() {
         UpdateFault::Flash(FlashFault::ReadBack),
         UpdateFault::Layout,
     ];
-    let faults = Faults { encoding: u32::MAX, too_long: u32::MAX, checksum: u32::MAX, headless: u32::MAX };
+    let faults = Faults { encoding: u32::MAX, too_long: u32::MAX, checksum: u32::MAX, unfit: u32::MAX };
     let device = Condition {
         state: State::Stopped,
         work: Some(Work { job: u32::MAX, stage: Stage::Testing, step: u16::MAX, steps: u16::MAX }),
@@ -192,15 +192,16 @@ fn bytes_of_a_request_and_its_reply() {
     ];
     assert_eq!(frame, whole);
 
+    let header = Header::reply(0x1234, 2);
     let frame = encode(&(header, Reply::Chunk { next: 0 }), &mut buffer).unwrap();
     #[rustfmt::skip]
     let whole = [
         0x00, // delimiter
         0x06, // COBS: the next zero stands 6 bytes on
-        0x01, 0xB4, 0x24, 0x02, // version, session, id
+        0x81, 0xB4, 0x24, 0x02, // version with the device's bit, session, id
         0x04, // Chunk
         0x05, // next 0: a zero of the message; the next one stands 5 bytes on
-        0xD1, 0xF5, 0x61, 0xD7, // CRC-32
+        0x09, 0xE1, 0xD1, 0xC9, // CRC-32
         0x00, // delimiter
     ];
     assert_eq!(frame, whole);

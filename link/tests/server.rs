@@ -115,6 +115,20 @@ fn stop_works_always() {
     assert_eq!(host.as_numbered(header, &Command::Stop), Reply::Refused(Refusal::Version { supported: PROTOCOL }));
 }
 
+/// On a line with an echo the device hears itself: it neither obeys nor answers.
+#[test]
+fn an_echo_is_no_request() {
+    let mut host = Host::greeted(SILENCE);
+    host.accepted(&generate(true));
+    let mut buffer = [0; REQUEST_FRAME];
+    for (id, reply) in [(0, Reply::Event(Event::Finished)), (9, Reply::Accepted), (9, Reply::Chunk { next: 0 })] {
+        let frame = encode(&(Header::reply(host.session, id), reply), &mut buffer).unwrap();
+        assert_eq!(host.send(frame), []);
+    }
+    assert_eq!(host.status().skipped.unfit, 3);
+    assert_eq!(host.robot.calls, ["start"]);
+}
+
 #[test]
 fn sessions_do_not_mix() {
     let mut host = Host::new(SILENCE);
@@ -154,13 +168,13 @@ fn what_nobody_understands_is_refused() {
     ];
     for frame in frames {
         let bytes = host.send(&frame);
-        assert_eq!(replies(&bytes), [(header, Reply::Refused(Refusal::Malformed))]);
+        assert_eq!(replies(&bytes), [(Header::reply(header.session, 2), Reply::Refused(Refusal::Malformed))]);
     }
     assert_eq!(host.send(&[0, 3, 3, 3, 3, 0, 5, 3, 3, 3, 3, 0]), []);
     // A message without so much as a header, though its checksum is right.
     assert_eq!(host.send(encode(&1u8, &mut buffer).unwrap()), []);
     let skipped = host.status().skipped;
-    let expected = Faults { encoding: 1, checksum: 1, headless: 1, too_long: 0 };
+    let expected = Faults { encoding: 1, checksum: 1, unfit: 1, too_long: 0 };
     assert_eq!(skipped, expected);
     assert_eq!(host.robot.calls, [""; 0]);
 }

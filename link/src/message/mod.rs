@@ -21,8 +21,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::frame::{CRC_BYTES, frame_bytes};
 
-/// Version of the protocol. Readers refuse other versions and name their own.
+/// Version of the protocol, below 128. Readers refuse other versions and name their own.
 pub const PROTOCOL: u8 = 1;
+/// Set in the version of what a device sends, so that an echo on the line is no request.
+pub const FROM_DEVICE: u8 = 0x80;
 /// Longest prompt, bytes of UTF-8.
 pub const TEXT_BYTES: usize = 192;
 /// Most anchors of a request.
@@ -58,7 +60,7 @@ pub fn name(text: &str) -> Name {
 /// What stands in front of every body. Its layout is the same in all versions of the protocol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
-    /// [`PROTOCOL`] of the sender.
+    /// [`PROTOCOL`] of the sender, a device with [`FROM_DEVICE`] set.
     pub version: u8,
     /// Number of the session, chosen at random by the host when it says hello.
     pub session: u32,
@@ -67,9 +69,21 @@ pub struct Header {
 }
 
 impl Header {
-    /// A header of this version.
+    /// A host's header.
     #[must_use]
     pub const fn new(session: u32, id: u32) -> Self {
         Header { version: PROTOCOL, session, id }
+    }
+
+    /// A device's header.
+    #[must_use]
+    pub const fn reply(session: u32, id: u32) -> Self {
+        Header { version: PROTOCOL | FROM_DEVICE, session, id }
+    }
+
+    /// Whether a device sent it.
+    #[must_use]
+    pub const fn from_device(&self) -> bool {
+        self.version & FROM_DEVICE != 0
     }
 }

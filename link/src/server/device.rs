@@ -44,7 +44,7 @@ pub struct Description {
 /// The robot, as the link sees it.
 ///
 /// Every method MUST return at once: the link may run in an interrupt. What takes time is handed over and its end reported
-/// by [`Device::event`].
+/// by [`Device::event`]. What a method has begun or ended MUST show in [`Device::condition`] when it returns.
 pub trait Device {
     /// The flash that holds blobs.
     type Storage: Storage;

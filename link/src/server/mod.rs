@@ -74,12 +74,13 @@ impl Server {
         while let Some(received) = self.receiver.next(&mut bytes) {
             // What was skipped has been counted and is part of every status.
             let Ok(message) = received else { continue };
-            let Ok((header, body)) = postcard::take_from_bytes::<Header>(message) else {
-                self.receiver.count_headless();
-                continue;
-            };
-            if let Some(answer) = self.inner.handle(now, header, body, device, out) {
-                self.inner.answer(answer, self.receiver.faults(), out);
+            match postcard::take_from_bytes::<Header>(message) {
+                Ok((header, body)) if !header.from_device() => {
+                    if let Some(answer) = self.inner.handle(now, header, body, device, out) {
+                        self.inner.answer(answer, self.receiver.faults(), out);
+                    }
+                }
+                _ => self.receiver.count_unfit(),
             }
         }
     }
@@ -143,7 +144,7 @@ impl Inner {
         if let Reply::Status(status) = &mut reply {
             status.skipped = skipped;
         }
-        let message = (Header { version: PROTOCOL, ..header }, reply);
+        let message = (Header::reply(header.session, header.id), reply);
         let sent =
             if keep { self.session.keep(&message).is_some_and(|frame| push(out, frame)) } else { send(out, &message) };
         self.unsent = self.unsent.saturating_add(u32::from(!sent));
@@ -286,7 +287,7 @@ impl Inner {
     }
 
     fn tell(&mut self, event: Event, out: &mut impl Sink) {
-        let sent = send(out, &(Header::new(self.session.number(), 0), Reply::Event(event)));
+        let sent = send(out, &(Header::reply(self.session.number(), 0), Reply::Event(event)));
         self.unsent = self.unsent.saturating_add(u32::from(!sent));
     }
 }

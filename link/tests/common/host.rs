@@ -51,7 +51,7 @@ impl Host {
         let mut replies = replies(&self.send(frame));
         assert_eq!(replies.len(), 1, "{command:?}: {replies:?}");
         let (echo, reply) = replies.remove(0);
-        assert_eq!((echo.session, echo.id), (header.session, header.id));
+        assert_eq!(echo, Header::reply(header.session, header.id));
         reply
     }
 
