@@ -145,7 +145,7 @@ fn a_whole_session_on_a_good_line() {
     assert_eq!((made.frames, made.control_error), (3, Some(0.25)));
     assert!(!stages.is_empty() && stages.iter().all(|work| work.job == 2), "{stages:?}");
     client.tell(&Command::Play).unwrap();
-    assert_eq!(client.wait_for_rest(&mut |_| {}).unwrap(), State::Idle);
+    assert_eq!(client.wait_for_rest(&mut |_| {}).unwrap(), State::Holding);
     assert_eq!(client.self_test().unwrap(), Some(true));
     let mut arrived = Vec::new();
     let (blob, sent) = client.update(&hello, BLOB, &mut |next| arrived.push(next)).unwrap();
@@ -175,13 +175,13 @@ fn a_whole_session_on_bad_lines() {
         for step in 0..2 {
             let made = client.generate(&request(true), &mut |_| {}).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
             assert_eq!(made.frames, 3, "seed {seed}");
-            assert_eq!(client.wait_for_rest(&mut |_| {}).unwrap(), State::Idle, "seed {seed}");
+            assert_eq!(client.wait_for_rest(&mut |_| {}).unwrap(), State::Holding, "seed {seed}");
             let blob = [BLOB, OTHER][step];
             let (active, _) = client.update(&hello, blob, &mut |_| {}).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
             assert_eq!(active.sequence as usize, step + 1, "seed {seed}");
             client.tell(&Command::Stop).unwrap();
             client.tell(&Command::Neutral).unwrap();
-            assert_eq!(client.wait_for_rest(&mut |_| {}).unwrap(), State::Idle, "seed {seed}");
+            assert_eq!(client.wait_for_rest(&mut |_| {}).unwrap(), State::Neutral, "seed {seed}");
         }
         repeated += client.repeated();
         faults += wire.faults;

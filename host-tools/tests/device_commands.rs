@@ -160,16 +160,16 @@ fn a_session(served: &Served) {
     let made = served.succeeds(&[&text[..], &["--anchors", anchors]].concat());
     assert_eq!((&made["frames"], &made["anchors"], &made["control_error_m"]), (&3.into(), &1.into(), &0.25.into()));
     let status = served.succeeds(&["status"]);
-    assert_eq!((&status["state"], &status["outcome"]["event"]), (&"idle".into(), &"ready".into()));
-    assert_eq!(served.succeeds(&["play"])["state"], "idle");
-    assert_eq!(served.succeeds(&[&text[..], &["--play"]].concat())["played"]["state"], "idle");
+    assert_eq!((&status["state"], &status["outcome"]["event"]), (&"holding".into(), &"ready".into()));
+    assert_eq!(served.succeeds(&["play"])["state"], "holding");
+    assert_eq!(served.succeeds(&[&text[..], &["--play"]].concat())["played"]["state"], "holding");
     served.succeeds(&["self-test"]);
     served.fails(&["hold"], &["no motion to hold"]);
     served.succeeds(&["stop"]);
     served.fails(&["play"], &["was stopped", "hint: ", "neutral"]);
-    assert_eq!(served.succeeds(&["neutral"])["state"], "idle");
+    assert_eq!(served.succeeds(&["neutral"])["state"], "neutral");
     let watched = served.succeeds(&["watch", "--seconds", "0.3"]);
-    assert_eq!(watched["status"]["state"], "idle");
+    assert_eq!(watched["status"]["state"], "neutral");
     assert_eq!(served.robot.lock().unwrap().calls, ["start", "play", "start", "start", "stop", "neutral"]);
 }
 

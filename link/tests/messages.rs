@@ -111,8 +111,9 @@ fn every_reply_there_and_back() {
         state: State::Stopped,
         work: Some(Work { job: u32::MAX, stage: Stage::Testing, step: u16::MAX, steps: u16::MAX }),
         frames_queued: u16::MAX,
-        ticks: u64::MAX,
+        ticks: u32::MAX,
         missed_ticks: u32::MAX,
+        starved_ticks: u32::MAX,
         limited_ticks: u32::MAX,
         bus_faults: u32::MAX,
     };

@@ -43,7 +43,7 @@ fn from_text_to_a_finished_motion() {
     host.accepted(&Command::Play);
     host.wait(50);
     host.accepted(&Command::Hold);
-    assert_eq!(host.status().device.state, State::Held);
+    assert_eq!(host.status().device.state, State::Holding);
     assert_eq!(host.wait(200), [], "held");
     host.accepted(&Command::Resume);
     assert_eq!(host.wait(300), [Event::Finished]);
@@ -109,7 +109,7 @@ fn stop_works_always() {
     assert_eq!(host.refused(&Command::Neutral), Refusal::Transferring { next: 0, length: 500 });
     host.accepted(&Command::BlobAbort);
     host.accepted(&Command::Neutral);
-    assert_eq!(host.status().device.state, State::Homing);
+    assert_eq!(host.status().device.state, State::Returning);
     // A stop of an unknown version is refused: nothing is known about it but its number.
     let header = Header { version: 9, session: 1, id: 1 };
     assert_eq!(host.as_numbered(header, &Command::Stop), Reply::Refused(Refusal::Version { supported: PROTOCOL }));
@@ -189,7 +189,7 @@ fn a_lost_host_and_a_device_that_finishes() {
     let ready = Event::Ready { job, frames: 3, control_error: Some(0.25) };
     assert_eq!(host.wait(1500), [Event::HostLost(LossAction::Finish), ready, Event::Finished]);
     let status = host.status();
-    assert_eq!((status.host_lost, status.device.state), (Some(LossAction::Finish), State::Idle));
+    assert_eq!((status.host_lost, status.device.state), (Some(LossAction::Finish), State::Holding));
     assert_eq!(host.status().host_lost, None, "said once");
     assert_eq!(host.wait(1500), [], "silence without a motion is nothing");
 }
@@ -207,7 +207,7 @@ fn a_lost_host_and_a_device_that_holds() {
     assert_eq!(host.wait(450), []);
     assert_eq!(host.wait(500), [Event::HostLost(LossAction::Hold)]);
     let status = host.status();
-    assert_eq!((status.host_lost, status.device.state), (Some(LossAction::Hold), State::Held));
+    assert_eq!((status.host_lost, status.device.state), (Some(LossAction::Hold), State::Holding));
     host.accepted(&Command::Resume);
     assert_eq!(host.wait(600), [Event::HostLost(LossAction::Hold)], "each silence anew");
 
@@ -217,7 +217,7 @@ fn a_lost_host_and_a_device_that_holds() {
     host.robot.condition.work.as_mut().unwrap().steps = 20;
     let events = host.wait(2000);
     assert!(matches!(events[..], [Event::HostLost(LossAction::Hold), Event::Ready { .. }]), "{events:?}");
-    assert_eq!(host.status().device.state, State::Idle);
+    assert_eq!(host.status().device.state, State::Holding);
 }
 
 /// A reply or event that finds no room is counted; a repeated request gets its reply, an event waits.

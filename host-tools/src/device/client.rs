@@ -285,7 +285,7 @@ impl<T: Transport> Client<T> {
             let device = status.device;
             moved |= device.state.moves();
             // A motion that plays when it is ready may take a moment to begin.
-            let begins = device.state == State::Idle && device.frames_queued > 0 && !moved && waited < TRACELESS;
+            let begins = device.state != State::Stopped && device.frames_queued > 0 && !moved && waited < TRACELESS;
             if !device.state.moves() && !begins {
                 return Ok(device.state);
             }

@@ -71,9 +71,9 @@ impl Error {
     pub fn hint(&self) -> Option<&'static str> {
         match self {
             Error::Open { source, .. } => match source.kind() {
-                io::ErrorKind::NotFound => {
-                    Some("is the device plugged in? serial ports are /dev/ttyACM0, COM3 and the like")
-                }
+                io::ErrorKind::NotFound => Some(
+                    "is it plugged in, and does no other program hold it? serial ports are /dev/ttyACM0, COM3 and the like",
+                ),
                 io::ErrorKind::PermissionDenied => Some("serial ports belong to the group dialout (or uucp)"),
                 io::ErrorKind::InvalidInput => Some("a port is a serial device or tcp:HOST:PORT"),
                 io::ErrorKind::ConnectionRefused => Some("start the simulator first, or check its port"),

@@ -1,5 +1,7 @@
 //! What a device says.
 
+use motionette::playback;
+use motionette::playback::output::BusStatus;
 use serde::{Deserialize, Serialize};
 
 use super::{Failure, Name, Refusal};
@@ -126,26 +128,44 @@ pub struct Limits {
     pub on_silence: LossAction,
 }
 
-/// What the body does.
+/// What the body does: [`playback::State`] on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum State {
-    /// At rest.
-    Idle,
-    /// Plays a motion.
+    /// It stands, or slows down to stand, where it is.
+    Holding,
+    /// It plays a motion.
     Playing,
-    /// At rest within a motion, which `Resume` goes on with.
-    Held,
-    /// On its way to the neutral pose.
-    Homing,
-    /// Stopped by `Stop`; `Neutral` ends it.
+    /// It plays a motion whose next frame has not come in time.
+    Starved,
+    /// It goes to its neutral pose.
+    Returning,
+    /// It stands in its neutral pose.
+    Neutral,
+    /// It slows down after an emergency stop.
+    Stopping,
+    /// It stands after an emergency stop; `Neutral` ends that.
     Stopped,
+}
+
+impl From<playback::State> for State {
+    fn from(state: playback::State) -> Self {
+        match state {
+            playback::State::Holding => State::Holding,
+            playback::State::Playing => State::Playing,
+            playback::State::Starved => State::Starved,
+            playback::State::Returning => State::Returning,
+            playback::State::Neutral => State::Neutral,
+            playback::State::Stopping => State::Stopping,
+            playback::State::Stopped => State::Stopped,
+        }
+    }
 }
 
 impl State {
     /// Whether the body moves.
     #[must_use]
     pub const fn moves(self) -> bool {
-        matches!(self, State::Playing | State::Homing)
+        matches!(self, State::Playing | State::Starved | State::Returning | State::Stopping)
     }
 }
 
@@ -200,13 +220,32 @@ pub struct Condition {
     /// Frames of the motion that waits to be played, or of what is left of the one that plays.
     pub frames_queued: u16,
     /// Servo ticks since start.
-    pub ticks: u64,
-    /// Ticks that came too late.
+    pub ticks: u32,
+    /// Ticks that came too late or not at all.
     pub missed_ticks: u32,
+    /// Ticks for which no frame had come in time.
+    pub starved_ticks: u32,
     /// Ticks at which a servo limit changed what the motion asked for.
     pub limited_ticks: u32,
-    /// Transfers to the servos that failed.
+    /// Ticks whose commands did not reach the servos.
     pub bus_faults: u32,
+}
+
+impl Condition {
+    /// What a player and its bus report; work, frames and missed ticks are the caller's to say.
+    #[must_use]
+    pub fn of(player: &playback::Status, bus: &BusStatus) -> Self {
+        Condition {
+            state: player.state.into(),
+            work: None,
+            frames_queued: 0,
+            ticks: player.ticks,
+            missed_ticks: 0,
+            starved_ticks: player.starved,
+            limited_ticks: player.limited,
+            bus_faults: bus.failed,
+        }
+    }
 }
 
 /// A transfer that is under way.

@@ -44,7 +44,8 @@ pub struct Description {
 /// The robot, as the link sees it.
 ///
 /// Every method MUST return at once: the link may run in an interrupt. What takes time is handed over and its end reported
-/// by [`Device::event`]. What a method has begun or ended MUST show in [`Device::condition`] when it returns.
+/// by [`Device::event`]. A movement that a
+/// method has begun MUST show in [`Device::condition`] when it returns, even where it takes effect at the next tick.
 pub trait Device {
     /// The flash that holds blobs.
     type Storage: Storage;

@@ -173,6 +173,8 @@ pub struct Robot {
     pub flash: Flash,
     pub condition: Condition,
     pub play_when_ready: bool,
+    /// A motion waits to go on.
+    pub held: bool,
     pub events: VecDeque<Event>,
     /// What was asked of it, in order.
     pub calls: Vec<&'static str>,
@@ -185,11 +187,12 @@ pub struct Robot {
 impl Default for Robot {
     fn default() -> Self {
         let condition = Condition {
-            state: State::Idle,
+            state: State::Holding,
             work: None,
             frames_queued: 0,
             ticks: 7,
             missed_ticks: 0,
+            starved_ticks: 0,
             limited_ticks: 0,
             bus_faults: 0,
         };
@@ -197,6 +200,7 @@ impl Default for Robot {
             flash: Flash::default(),
             condition,
             play_when_ready: false,
+            held: false,
             events: VecDeque::new(),
             calls: Vec::new(),
             last: None,
@@ -232,11 +236,11 @@ impl Robot {
         match self.condition.state {
             State::Playing if self.condition.frames_queued > 0 => self.condition.frames_queued -= 1,
             State::Playing => {
-                self.condition.state = State::Idle;
+                self.condition.state = State::Holding;
                 self.events.push_back(Event::Finished);
             }
-            State::Homing => self.condition.state = State::Idle,
-            State::Idle | State::Held | State::Stopped => {}
+            State::Returning => self.condition.state = State::Neutral,
+            _ => {}
         }
     }
 }
@@ -273,9 +277,9 @@ impl Device for Robot {
     fn play(&mut self) -> Result<(), Refusal> {
         match self.condition.state {
             State::Stopped => Err(Refusal::Stopped),
-            State::Playing | State::Homing => Err(Refusal::Moving),
+            state if state.moves() => Err(Refusal::Moving),
             _ if self.condition.frames_queued == 0 => Err(Refusal::NothingToPlay),
-            State::Idle | State::Held => {
+            _ => {
                 self.calls.push("play");
                 self.condition.state = State::Playing;
                 Ok(())
@@ -291,6 +295,7 @@ impl Device for Robot {
         }
         self.condition.state = State::Stopped;
         self.condition.frames_queued = 0;
+        self.held = false;
     }
 
     fn hold(&mut self) -> Result<(), Refusal> {
@@ -299,12 +304,13 @@ impl Device for Robot {
             return Err(Refusal::NotPlaying);
         }
         self.calls.push("hold");
-        self.condition.state = State::Held;
+        self.condition.state = State::Holding;
+        self.held = true;
         Ok(())
     }
 
     fn resume(&mut self) -> Result<(), Refusal> {
-        if self.condition.state != State::Held {
+        if !core::mem::take(&mut self.held) {
             return Err(Refusal::NotPlaying);
         }
         self.calls.push("resume");
@@ -317,7 +323,7 @@ impl Device for Robot {
             return Err(Refusal::Moving);
         }
         self.calls.push("neutral");
-        self.condition.state = State::Homing;
+        self.condition.state = State::Returning;
         Ok(())
     }
 

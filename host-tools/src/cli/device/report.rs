@@ -8,10 +8,12 @@ use crate::cli::say;
 /// A state by name.
 pub fn state(state: State) -> &'static str {
     match state {
-        State::Idle => "idle",
+        State::Holding => "holding",
         State::Playing => "playing",
-        State::Held => "held",
-        State::Homing => "homing",
+        State::Starved => "starved",
+        State::Returning => "returning",
+        State::Neutral => "neutral",
+        State::Stopping => "stopping",
         State::Stopped => "stopped",
     }
 }
@@ -124,6 +126,7 @@ pub fn status(status: &Status) -> Value {
         "frames_queued": device.frames_queued,
         "ticks": device.ticks,
         "missed_ticks": device.missed_ticks,
+        "starved_ticks": device.starved_ticks,
         "limited_ticks": device.limited_ticks,
         "bus_faults": device.bus_faults,
         "outcome": status.outcome.as_ref().map(event),
@@ -154,8 +157,11 @@ pub fn say_status(status: &Status) {
     if let Some(action) = status.host_lost {
         say(&format!("the device had lost its host: {}", loss(action)));
     }
-    let (ticks, missed, limited) = (device.ticks, device.missed_ticks, device.limited_ticks);
-    say(&format!("{ticks} ticks, {missed} missed, {limited} limited; {} bus faults", device.bus_faults));
+    let (ticks, missed, starved) = (device.ticks, device.missed_ticks, device.starved_ticks);
+    let (limited, bus) = (device.limited_ticks, device.bus_faults);
+    say(&format!(
+        "{ticks} ticks: {missed} missed, {starved} starved, {limited} limited, {bus} not heard by the servos"
+    ));
     let (skipped, unsent) = (status.skipped.total(), status.unsent);
     say(&format!("link: {skipped} broken frames skipped, {unsent} replies unsent"));
 }
