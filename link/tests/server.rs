@@ -211,6 +211,11 @@ fn a_lost_host_and_a_device_that_holds() {
     host.accepted(&Command::Resume);
     assert_eq!(host.wait(600), [Event::HostLost(LossAction::Hold)], "each silence anew");
 
+    // Whatever sets it in motion again in the same silence, it holds, and says so once.
+    host.robot.condition.state = State::Playing;
+    assert_eq!(host.wait(50), []);
+    assert_eq!(host.robot.condition.state, State::Holding);
+
     // A motion that would begin by itself in the silence does not.
     let mut host = Host::greeted(HOLD);
     host.accepted(&generate(true));
