@@ -19,6 +19,7 @@
 //! | [`inspect`] | what is in a blob |
 //! | [`plan`] | arena, flash and work of a request before anything is flashed |
 //! | [`mod@verify`] | the quantised runtime against the reference |
+//! | [`device`] | a robot at the other end of a line: ports, requests, repetition |
 //! | [`cli`] | the `motionette` command line |
 //!
 //! Nothing here runs on a device and nothing here links the training framework. The reference road shares manifest types with
@@ -33,6 +34,7 @@ pub mod checkpoint;
 pub mod cli;
 pub mod convert;
 pub mod dataset;
+pub mod device;
 pub mod export;
 pub mod import;
 pub mod inspect;

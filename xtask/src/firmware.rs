@@ -91,10 +91,10 @@ pub fn image_cargo(toolchain: Toolchain, subcommand: &str, core: &Core, image: &
     cargo
 }
 
-/// Compiles the runtime for a core without floating-point unit; nothing is linked or run.
+/// Compiles runtime and device link for a core without floating-point unit; nothing is linked or run.
 fn build_runtime(toolchain: Toolchain, target: &str) -> Result<()> {
     let mut cargo = toolchain.cargo("build", target);
-    cargo.args(["--release", "--package", "motionette", "--target-dir"]);
+    cargo.args(["--release", "--package", "motionette", "--package", "motionette-link", "--target-dir"]);
     cargo.arg(package().join("target").join(toolchain.name())).current_dir(shell::root());
     shell::run(&mut cargo)
 }
@@ -115,7 +115,7 @@ pub fn build_all() -> Result<()> {
     }
     for (core, target) in [("Cortex-M0, M0+", THUMB_V6), ("RISC-V without FPU", RISCV)] {
         build_runtime(toolchain, target)?;
-        println!("{core}: the runtime compiles");
+        println!("{core}: runtime and link compile");
     }
     Ok(())
 }

@@ -2,8 +2,13 @@
 
 use std::io;
 
+use crate::device;
+
 /// A line of advice for errors whose own text cannot know the situation.
 pub(super) fn of(error: &anyhow::Error) -> Option<&'static str> {
+    if let Some(error) = error.chain().find_map(|cause| cause.downcast_ref::<device::Error>()) {
+        return error.hint();
+    }
     error.chain().find_map(|cause| {
         let kind = cause.downcast_ref::<io::Error>()?.kind();
         match kind {

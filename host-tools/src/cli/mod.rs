@@ -5,6 +5,7 @@
 //! status is 1 (2 for arguments that make no sense).
 
 mod convert;
+mod device;
 mod generate;
 mod hint;
 mod import;
@@ -46,6 +47,8 @@ enum Command {
     Verify(verify::Cmd),
     // Motion: generate.
     Generate(generate::Cmd),
+    // Robots.
+    Device(device::Cmd),
 }
 
 impl Command {
@@ -58,6 +61,7 @@ impl Command {
             Self::Plan(cmd) => cmd.run(),
             Self::Verify(cmd) => cmd.run(),
             Self::Generate(cmd) => cmd.run(),
+            Self::Device(cmd) => cmd.run(),
         }
     }
 }

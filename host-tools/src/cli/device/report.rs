@@ -1,0 +1,167 @@
+//! What a device says, in words and as JSON.
+
+use motionette_link::message::{Blob, Event, Hello, LossAction, Stage, State, Status};
+use serde_json::{Value, json};
+
+use crate::cli::say;
+
+/// A state by name.
+pub fn state(state: State) -> &'static str {
+    match state {
+        State::Holding => "holding",
+        State::Playing => "playing",
+        State::Starved => "starved",
+        State::Returning => "returning",
+        State::Neutral => "neutral",
+        State::Stopping => "stopping",
+        State::Stopped => "stopped",
+    }
+}
+
+/// A stage by name.
+pub fn stage(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Waiting => "waiting",
+        Stage::Reading => "reading",
+        Stage::Planning => "planning",
+        Stage::Refining => "refining",
+        Stage::Decoding => "decoding",
+        Stage::Testing => "testing",
+    }
+}
+
+fn loss(action: LossAction) -> &'static str {
+    match action {
+        LossAction::Finish => "finish",
+        LossAction::Hold => "hold",
+        LossAction::Abort => "abort",
+    }
+}
+
+/// A blob in a slot.
+pub fn blob(blob: &Blob) -> Value {
+    json!({"slot": blob.slot, "sequence": blob.sequence, "length": blob.length, "crc32": format!("{:08x}", blob.crc32)})
+}
+
+pub fn hello(hello: &Hello) -> Value {
+    let limits = &hello.limits;
+    json!({
+        "protocol": motionette_link::message::PROTOCOL,
+        "version": hello.version.as_str(),
+        "preset": hello.preset.as_str(),
+        "model": hello.model.as_ref().map(|model| json!({
+            "name": model.name.as_str(), "frame_rate": model.frame_rate, "frames": model.frames,
+        })),
+        "blob": hello.blob.as_ref().map(blob),
+        "limits": {
+            "text_bytes": limits.text_bytes,
+            "anchors": limits.anchors,
+            "chunk_bytes": limits.chunk_bytes,
+            "blob_bytes": limits.blob_bytes,
+            "silence_ms": limits.silence_ms,
+            "on_silence": loss(limits.on_silence),
+        },
+    })
+}
+
+pub fn say_hello(hello: &Hello) {
+    say(&format!("robot {}, link {}", hello.preset, hello.version));
+    match &hello.model {
+        Some(model) => {
+            let seconds = f64::from(model.frames) / f64::from(model.frame_rate.max(1));
+            say(&format!("model {}: up to {seconds} s at {} frames a second", model.name, model.frame_rate));
+        }
+        None => say("no model"),
+    }
+    if let Some(blob) = &hello.blob {
+        say(&format!("blob in slot {}: {} bytes, CRC-32 {:08x}", blob.slot, blob.length, blob.crc32));
+    }
+    let limits = &hello.limits;
+    let (text, anchors, bytes) = (limits.text_bytes, limits.anchors, limits.blob_bytes);
+    say(&format!("takes texts of {text} bytes, {anchors} anchors, blobs of {bytes} bytes"));
+    say(&match limits.silence_ms {
+        0 => "goes on without a host".to_owned(),
+        ms => format!("after {ms} ms without a host: {}", loss(limits.on_silence)),
+    });
+}
+
+/// An event as an object with its `event` by name.
+pub fn event(event: &Event) -> Value {
+    match *event {
+        Event::Ready { job, frames, control_error } => {
+            json!({"event": "ready", "job": job, "frames": frames, "control_error_m": control_error})
+        }
+        Event::Finished => json!({"event": "finished"}),
+        Event::Failed { job, why } => json!({"event": "failed", "job": job, "why": why.to_string()}),
+        Event::SelfTest { job, passed } => json!({"event": "self-test", "job": job, "passed": passed}),
+        Event::HostLost(action) => json!({"event": "host-lost", "action": loss(action)}),
+    }
+}
+
+/// An event in words.
+pub fn words(event: &Event) -> String {
+    match *event {
+        Event::Ready { frames, control_error: None, .. } => format!("a motion of {frames} frames is ready"),
+        Event::Ready { frames, control_error: Some(error), .. } => {
+            format!("a motion of {frames} frames is ready, {:.2} cm off its anchors", 100.0 * error)
+        }
+        Event::Finished => "the motion was played".to_owned(),
+        Event::Failed { why, .. } => format!("failed: {why}"),
+        Event::SelfTest { passed, .. } => match passed {
+            Some(true) => "self-test passed".to_owned(),
+            Some(false) => "self-test failed".to_owned(),
+            None => "the blob carries no self-test".to_owned(),
+        },
+        Event::HostLost(action) => format!("the device lost its host: {}", loss(action)),
+    }
+}
+
+pub fn status(status: &Status) -> Value {
+    let device = &status.device;
+    json!({
+        "state": state(device.state),
+        "work": device.work.map(|work| json!({
+            "job": work.job, "stage": stage(work.stage), "step": work.step, "steps": work.steps,
+        })),
+        "frames_queued": device.frames_queued,
+        "ticks": device.ticks,
+        "missed_ticks": device.missed_ticks,
+        "starved_ticks": device.starved_ticks,
+        "limited_ticks": device.limited_ticks,
+        "bus_faults": device.bus_faults,
+        "outcome": status.outcome.as_ref().map(event),
+        "transfer": status.transfer.map(|t| json!({"next": t.next, "length": t.length})),
+        "host_lost": status.host_lost.map(loss),
+        "skipped": {
+            "encoding": status.skipped.encoding,
+            "too_long": status.skipped.too_long,
+            "checksum": status.skipped.checksum,
+            "unfit": status.skipped.unfit,
+        },
+        "unsent": status.unsent,
+    })
+}
+
+pub fn say_status(status: &Status) {
+    let device = &status.device;
+    say(&format!("{}, {} frames queued", state(device.state), device.frames_queued));
+    if let Some(work) = device.work {
+        say(&format!("request {}: {}, {} of {}", work.job, stage(work.stage), work.step, work.steps));
+    }
+    if let Some(transfer) = status.transfer {
+        say(&format!("a blob is being transferred: {} of {} bytes", transfer.next, transfer.length));
+    }
+    if let Some(outcome) = &status.outcome {
+        say(&format!("last: {}", words(outcome)));
+    }
+    if let Some(action) = status.host_lost {
+        say(&format!("the device had lost its host: {}", loss(action)));
+    }
+    let (ticks, missed, starved) = (device.ticks, device.missed_ticks, device.starved_ticks);
+    let (limited, bus) = (device.limited_ticks, device.bus_faults);
+    say(&format!(
+        "{ticks} ticks: {missed} missed, {starved} starved, {limited} limited, {bus} not heard by the servos"
+    ));
+    let (skipped, unsent) = (status.skipped.total(), status.unsent);
+    say(&format!("link: {skipped} broken frames skipped, {unsent} replies unsent"));
+}

@@ -1,0 +1,228 @@
+//! `motionette device` from outside, against a robot of no body behind TCP and behind a serial port.
+
+#[path = "../../link/tests/common/mod.rs"]
+mod robot;
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use motionette_link::message::LossAction;
+use motionette_link::server::{Server, Silence};
+use motionette_link::update::Store;
+use robot::{Line, Robot};
+use serde_json::Value;
+
+/// A robot that answers on a line until it is dropped.
+struct Served {
+    robot: Arc<Mutex<Robot>>,
+    end: Arc<AtomicBool>,
+    port: String,
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Served {
+    /// Behind TCP, one host after the other.
+    fn on_tcp() -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = format!("tcp:{}", listener.local_addr().unwrap());
+        Self::start(port, move |serve, end| {
+            while let Ok((mut stream, _)) = listener.accept() {
+                stream.set_read_timeout(Some(Duration::from_millis(2))).unwrap();
+                serve(&mut stream);
+                if end.load(Ordering::Relaxed) {
+                    break;
+                }
+            }
+        })
+    }
+
+    /// Behind a pseudo terminal.
+    #[cfg(unix)]
+    fn on_serial() -> Self {
+        use serialport::{SerialPort, TTYPort};
+        let (mut master, slave) = TTYPort::pair().unwrap();
+        let port = slave.name().unwrap();
+        // Another process is to open it; until then, reading fails.
+        drop(slave);
+        master.set_timeout(Duration::from_millis(2)).unwrap();
+        Self::start(port, move |serve, end| {
+            while !end.load(Ordering::Relaxed) {
+                serve(&mut master);
+                thread::sleep(Duration::from_millis(1));
+            }
+        })
+    }
+
+    fn start<S>(port: String, serve: impl FnOnce(&mut dyn FnMut(&mut S), &AtomicBool) + Send + 'static) -> Self
+    where
+        S: Read + Write,
+    {
+        let robot = Arc::new(Mutex::new(Robot::default()));
+        let end = Arc::new(AtomicBool::new(false));
+        let (for_thread, ended) = (Arc::clone(&robot), Arc::clone(&end));
+        thread::spawn(move || {
+            let store = Store::open(&for_thread.lock().unwrap().flash);
+            let mut server = Server::new(store, Silence { after_ms: 1000, action: LossAction::Hold });
+            let begin = Instant::now();
+            serve(&mut |line: &mut S| converse(line, &mut server, &for_thread, begin, &ended), &ended);
+        });
+        Served { robot, end, port }
+    }
+
+    fn run(&self, folder: &Path, arguments: &[&str]) -> Output {
+        let mut all = vec!["device", "--port", &self.port, "--json"];
+        all.extend(arguments);
+        Command::new(env!("CARGO_BIN_EXE_motionette")).args(all).current_dir(folder).output().unwrap()
+    }
+
+    fn succeeds(&self, arguments: &[&str]) -> Value {
+        let output = self.run(Path::new("."), arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        last_line(&output)
+    }
+
+    fn fails(&self, arguments: &[&str], words: &[&str]) {
+        check_failure(&self.run(Path::new("."), arguments), words);
+    }
+}
+
+/// Bytes to and from the server until the line closes.
+fn converse(
+    line: &mut (impl Read + Write),
+    server: &mut Server,
+    robot: &Mutex<Robot>,
+    begin: Instant,
+    end: &AtomicBool,
+) {
+    let mut buffer = [0; 300];
+    let mut ticks = 0;
+    while !end.load(Ordering::Relaxed) {
+        let count = match line.read(&mut buffer) {
+            Ok(0) => return,
+            Ok(count) => count,
+            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => 0,
+            Err(_) => return,
+        };
+        let mut out = Line::default();
+        let now = begin.elapsed().as_millis() as u64;
+        let mut robot = robot.lock().unwrap();
+        server.receive(now, &buffer[..count], &mut *robot, &mut out);
+        while ticks < now / 20 {
+            ticks += 1;
+            robot.advance();
+        }
+        server.poll(now, &mut *robot, &mut out);
+        drop(robot);
+        if line.write_all(&out.0).is_err() {
+            return;
+        }
+    }
+}
+
+fn last_line(output: &Output) -> Value {
+    let text = String::from_utf8(output.stdout.clone()).unwrap();
+    serde_json::from_str(text.lines().last().unwrap()).unwrap()
+}
+
+fn check_failure(output: &Output, words: &[&str]) {
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.starts_with("error: ") && !said.contains("panicked"), "{said}");
+    for word in words {
+        assert!(said.contains(word), "{word:?} not in: {said}");
+    }
+    let error = last_line(output);
+    assert!(error["error"].is_string() && error["causes"].is_array(), "{error}");
+}
+
+fn a_session(served: &Served) {
+    let folder = tempfile::tempdir().unwrap();
+    let hello = served.succeeds(&["hello"]);
+    assert_eq!((&hello["preset"], &hello["model"]["frames"]), (&"table-top".into(), &196.into()));
+    assert_eq!(hello["limits"]["on_silence"], "hold");
+    served.fails(&["play"], &["no motion to play", "hint: ", "generate"]);
+
+    let anchors = folder.path().join("anchors.json");
+    std::fs::write(&anchors, r#"{"anchors": [{"time": 1.0, "root": [0.1, 0.9, 0.5]}]}"#).unwrap();
+    let anchors = anchors.to_str().unwrap();
+    let text = ["generate", "--text", "a person bows", "--seconds", "2.5", "--seed", "7"];
+    let made = served.succeeds(&[&text[..], &["--anchors", anchors]].concat());
+    assert_eq!((&made["frames"], &made["anchors"], &made["control_error_m"]), (&3.into(), &1.into(), &0.25.into()));
+    let status = served.succeeds(&["status"]);
+    assert_eq!((&status["state"], &status["outcome"]["event"]), (&"holding".into(), &"ready".into()));
+    assert_eq!(served.succeeds(&["play"])["state"], "holding");
+    assert_eq!(served.succeeds(&[&text[..], &["--play"]].concat())["played"]["state"], "holding");
+    served.succeeds(&["self-test"]);
+    served.fails(&["hold"], &["no motion to hold"]);
+    served.succeeds(&["stop"]);
+    served.fails(&["play"], &["was stopped", "hint: ", "neutral"]);
+    assert_eq!(served.succeeds(&["neutral"])["state"], "neutral");
+    let watched = served.succeeds(&["watch", "--seconds", "0.3"]);
+    assert_eq!(watched["status"]["state"], "neutral");
+    assert_eq!(served.robot.lock().unwrap().calls, ["start", "play", "start", "start", "stop", "neutral"]);
+}
+
+#[test]
+fn everything_over_tcp() {
+    let served = Served::on_tcp();
+    a_session(&served);
+    let blob = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/corpus/planner.blob");
+    let sent = served.succeeds(&["send-blob", blob]);
+    assert_eq!((&sent["sent"], &sent["blob"]["slot"]), (&true.into(), &0.into()));
+    assert_eq!(served.succeeds(&["send-blob", blob])["sent"], false);
+    assert_eq!(served.robot.lock().unwrap().activations, 1);
+    let large = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/nano.blob");
+    served.fails(&["send-blob", large], &["does not fit", "15360"]);
+    served.fails(&["send-blob", "none.blob"], &["none.blob", "hint: "]);
+}
+
+#[cfg(unix)]
+#[test]
+fn everything_over_a_serial_port() {
+    a_session(&Served::on_serial());
+}
+
+#[test]
+fn what_makes_no_sense_never_reaches_the_device() {
+    let served = Served::on_tcp();
+    let text = "x".repeat(193);
+    served.fails(&["generate", "--text", &text], &["193 bytes", "192"]);
+    for seconds in ["0", "-1", "9.9", "nan"] {
+        let seconds = format!("--seconds={seconds}");
+        served.fails(&["generate", "--text", "a bow", &seconds], &["up to 9.8 s"]);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let anchors = folder.path().join("anchors.json");
+    std::fs::write(&anchors, r#"{"anchors": [{"frame": 196, "root": [0.1, 0.9, 0.5]}]}"#).unwrap();
+    let anchors = anchors.to_str().unwrap();
+    served.fails(&["generate", "--text", "a bow", "--anchors", anchors], &["frame 196", "196 frames"]);
+    assert!(served.robot.lock().unwrap().calls.is_empty());
+}
+
+#[test]
+fn ports_that_are_not_there() {
+    let run = |port: &str| {
+        let arguments = ["device", "--port", port, "--json", "hello"];
+        Command::new(env!("CARGO_BIN_EXE_motionette")).args(arguments).output().unwrap()
+    };
+    check_failure(&run("/dev/no-such-port"), &["/dev/no-such-port", "hint: ", "plugged in"]);
+    // A port that was free a moment ago.
+    let port = format!("tcp:{}", TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap());
+    check_failure(&run(&port), &[&port, "hint: ", "simulator"]);
+    check_failure(&run("tcp:127.0.0.1"), &["tcp:127.0.0.1", "hint: "]);
+    // Somebody listens and says nothing.
+    let mute = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = format!("tcp:{}", mute.local_addr().unwrap());
+    check_failure(&run(&port), &["does not answer", "hint: ", "--baud"]);
+}

@@ -1,0 +1,125 @@
+//! What a host can ask for.
+
+use heapless::{String, Vec};
+use motionette::planning::Planning;
+use motionette::refining::Config;
+use serde::{Deserialize, Serialize};
+
+use super::{ANCHORS, Anchor, CHUNK_BYTES, TEXT_BYTES};
+
+/// A request. The reply says which kinds of answer there are; any request may be [refused](super::Refusal).
+// Lives on the stack while it is handled; there is no heap to put the large variant on.
+#[allow(clippy::large_enum_variant)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Command {
+    /// Begins a session. Reply: [`Hello`](super::Hello).
+    Hello,
+    /// Makes a motion. Reply: accepted; then event `Ready` or `Failed`.
+    Generate(Generate),
+    /// Plays the motion that is ready. Reply: accepted; then event `Finished`.
+    Play,
+    /// Emergency stop: movement and work end at once. Never refused. The device moves again only after `Neutral`.
+    Stop,
+    /// Comes to rest where it is, as fast as the servo limits allow.
+    Hold,
+    /// Goes on after `Hold`.
+    Resume,
+    /// Moves to the neutral pose.
+    Neutral,
+    /// Reply: [`Status`](super::Status).
+    Status,
+    /// Has the model prove itself. Reply: accepted; then event `SelfTest` or `Failed`.
+    SelfTest,
+    /// Begins the transfer of a blob; one that was under way is given up. Reply: `Chunk` with offset 0.
+    BlobBegin {
+        /// Its bytes.
+        length: u32,
+        /// CRC-32 (IEEE 802.3) of all its bytes.
+        crc32: u32,
+    },
+    /// The next bytes of the blob. Reply: `Chunk` with the offset that is expected next; bytes at any other offset are not
+    /// taken.
+    BlobChunk {
+        /// Where they stand in the blob.
+        offset: u32,
+        /// The bytes.
+        bytes: Vec<u8, CHUNK_BYTES>,
+    },
+    /// Verifies the blob and makes it the active one. Reply: `Committed`.
+    BlobCommit,
+    /// Gives the transfer up. Reply: accepted, also when there is none.
+    BlobAbort,
+    /// Says that the host is alive.
+    KeepAlive,
+}
+
+/// How long a motion becomes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Length {
+    /// At least so many frames, to the next whole token.
+    Frames(u16),
+    /// What the text suggests.
+    Predicted,
+}
+
+/// A motion to be made. Limits and meaning are those of [`motionette::Request`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Generate {
+    /// What it is to be.
+    pub text: String<TEXT_BYTES>,
+    /// How long.
+    pub length: Length,
+    /// Seed of everything that is drawn.
+    pub seed: u64,
+    /// Steps of the planner.
+    pub steps: u16,
+    /// How strongly the text guides; 1 is off.
+    pub guidance: f32,
+    /// Decoder evaluations of the refinement.
+    pub evaluations: u16,
+    /// Where the motion must pass.
+    pub anchors: Vec<Anchor, ANCHORS>,
+    /// Plays it as soon as it is ready, without a `Play`.
+    pub play_when_ready: bool,
+}
+
+impl Generate {
+    /// A motion of `text` with the runtime's defaults, of predicted length, without anchors.
+    #[must_use]
+    pub fn new(text: String<TEXT_BYTES>) -> Self {
+        Generate {
+            text,
+            length: Length::Predicted,
+            seed: Planning::DEFAULT.seed,
+            steps: Planning::DEFAULT.steps,
+            guidance: Planning::DEFAULT.guidance,
+            evaluations: Config::default().evaluations,
+            anchors: Vec::new(),
+            play_when_ready: false,
+        }
+    }
+
+    /// The anchors as the runtime takes them.
+    #[must_use]
+    pub fn anchors(&self) -> Vec<motionette::Anchor, ANCHORS> {
+        self.anchors.iter().copied().map(Into::into).collect()
+    }
+
+    /// The request that the runtime is to run, with [`Generate::anchors`] put in a place of the caller's.
+    #[must_use]
+    pub fn request<'r>(&'r self, anchors: &'r [motionette::Anchor]) -> motionette::Request<'r> {
+        let length = match self.length {
+            Length::Frames(frames) => motionette::Length::Frames(frames),
+            Length::Predicted => motionette::Length::Predicted,
+        };
+        let request = motionette::Request::text(&self.text)
+            .length(length)
+            .seed(self.seed)
+            .steps(self.steps)
+            .guidance(self.guidance);
+        if anchors.is_empty() {
+            return request;
+        }
+        request.through(anchors).refined(Config { evaluations: self.evaluations, ..Config::default() })
+    }
+}

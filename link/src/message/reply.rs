@@ -1,0 +1,275 @@
+//! What a device says.
+
+use motionette::playback;
+use motionette::playback::output::BusStatus;
+use serde::{Deserialize, Serialize};
+
+use super::{Failure, Name, Refusal};
+use crate::frame::Faults;
+
+/// An answer to a request, or an event that nobody asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Reply {
+    /// Who answers.
+    Hello(Hello),
+    /// It is done, or has begun.
+    Accepted,
+    /// It is not done, and nothing has changed.
+    Refused(Refusal),
+    /// How things stand.
+    Status(Status),
+    /// Bytes of a blob were taken, or not.
+    Chunk {
+        /// Offset of the byte that is expected next.
+        next: u32,
+    },
+    /// The blob was verified and is the active one from now on.
+    Committed(Blob),
+    /// Something has happened; the header's id is 0.
+    Event(Event),
+}
+
+/// Events. One may be lost on the line: [`Status`] tells the same afterwards.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Event {
+    /// A motion has been made.
+    Ready {
+        /// Id of its request.
+        job: u32,
+        /// Frames of the motion.
+        frames: u16,
+        /// Mean distance from the anchors, metres.
+        control_error: Option<f32>,
+    },
+    /// The motion was played to its end.
+    Finished,
+    /// A motion could not be made, or a self-test not be run.
+    Failed {
+        /// Id of its request.
+        job: u32,
+        /// Why.
+        why: Failure,
+    },
+    /// A self-test has ended.
+    SelfTest {
+        /// Id of its request.
+        job: u32,
+        /// Whether the model gave the bits it should; `None`: the blob carries no self-test.
+        passed: Option<bool>,
+    },
+    /// Nothing was heard of the host for too long.
+    HostLost(LossAction),
+}
+
+/// What the device did, or is to do, when the host is silent for too long.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LossAction {
+    /// The motion goes on to its end.
+    Finish,
+    /// The device comes to rest where it is.
+    Hold,
+    /// A transfer was given up.
+    Abort,
+}
+
+/// Who answers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Hello {
+    /// Version of the crate `motionette-link` on the device.
+    pub version: Name,
+    /// The robot it is set up as.
+    pub preset: Name,
+    /// The model; `None` when no slot holds one.
+    pub model: Option<ModelInfo>,
+    /// The active blob; `None` when it cannot be replaced over the link, or no slot holds one.
+    pub blob: Option<Blob>,
+    /// What the device takes.
+    pub limits: Limits,
+}
+
+/// A model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ModelInfo {
+    /// Its name.
+    pub name: Name,
+    /// Frames a second.
+    pub frame_rate: u16,
+    /// Frames of the longest motion.
+    pub frames: u16,
+}
+
+/// A blob in a slot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Blob {
+    /// Slot, 0 or 1.
+    pub slot: u8,
+    /// How many blobs were made active before, plus one.
+    pub sequence: u32,
+    /// Bytes.
+    pub length: u32,
+    /// CRC-32 of all bytes.
+    pub crc32: u32,
+}
+
+/// What a device takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Bytes of a prompt.
+    pub text_bytes: u16,
+    /// Anchors of a request.
+    pub anchors: u8,
+    /// Bytes of a chunk.
+    pub chunk_bytes: u16,
+    /// Bytes of the largest blob; 0: blobs cannot be sent.
+    pub blob_bytes: u32,
+    /// Silence of the host, milliseconds, after which `on_silence` is done; 0: never.
+    pub silence_ms: u32,
+    /// What is done then with a motion.
+    pub on_silence: LossAction,
+}
+
+/// What the body does: [`playback::State`] on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum State {
+    /// It stands, or slows down to stand, where it is.
+    Holding,
+    /// It plays a motion.
+    Playing,
+    /// It plays a motion whose next frame has not come in time.
+    Starved,
+    /// It goes to its neutral pose.
+    Returning,
+    /// It stands in its neutral pose.
+    Neutral,
+    /// It slows down after an emergency stop.
+    Stopping,
+    /// It stands after an emergency stop; `Neutral` ends that.
+    Stopped,
+}
+
+impl From<playback::State> for State {
+    fn from(state: playback::State) -> Self {
+        match state {
+            playback::State::Holding => State::Holding,
+            playback::State::Playing => State::Playing,
+            playback::State::Starved => State::Starved,
+            playback::State::Returning => State::Returning,
+            playback::State::Neutral => State::Neutral,
+            playback::State::Stopping => State::Stopping,
+            playback::State::Stopped => State::Stopped,
+        }
+    }
+}
+
+impl State {
+    /// Whether the body moves.
+    #[must_use]
+    pub const fn moves(self) -> bool {
+        matches!(self, State::Playing | State::Starved | State::Returning | State::Stopping)
+    }
+}
+
+/// What a job is at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Stage {
+    /// Not begun yet.
+    Waiting,
+    /// Reading the prompt.
+    Reading,
+    /// Planning tokens.
+    Planning,
+    /// Bending the motion onto its anchors.
+    Refining,
+    /// Decoding the motion.
+    Decoding,
+    /// Running the self-test.
+    Testing,
+}
+
+impl From<motionette::Stage> for Stage {
+    fn from(stage: motionette::Stage) -> Self {
+        match stage {
+            motionette::Stage::Reading => Stage::Reading,
+            motionette::Stage::Planning => Stage::Planning,
+            motionette::Stage::Refining => Stage::Refining,
+            motionette::Stage::Decoding => Stage::Decoding,
+        }
+    }
+}
+
+/// A generation or self-test that is under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Work {
+    /// Id of its request.
+    pub job: u32,
+    /// Stage.
+    pub stage: Stage,
+    /// Steps or evaluations begun in this stage.
+    pub step: u16,
+    /// Steps or evaluations it may take.
+    pub steps: u16,
+}
+
+/// How the device stands: what a [`Device`](crate::Device) reports.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Condition {
+    /// What the body does.
+    pub state: State,
+    /// What is being made.
+    pub work: Option<Work>,
+    /// Frames of the motion that waits to be played, or of what is left of the one that plays.
+    pub frames_queued: u16,
+    /// Servo ticks since start.
+    pub ticks: u32,
+    /// Ticks that came too late or not at all.
+    pub missed_ticks: u32,
+    /// Ticks for which no frame had come in time.
+    pub starved_ticks: u32,
+    /// Ticks at which a servo limit changed what the motion asked for.
+    pub limited_ticks: u32,
+    /// Ticks whose commands did not reach the servos.
+    pub bus_faults: u32,
+}
+
+impl Condition {
+    /// What a player and its bus report; work, frames and missed ticks are the caller's to say.
+    #[must_use]
+    pub fn of(player: &playback::Status, bus: &BusStatus) -> Self {
+        Condition {
+            state: player.state.into(),
+            work: None,
+            frames_queued: 0,
+            ticks: player.ticks,
+            missed_ticks: 0,
+            starved_ticks: player.starved,
+            limited_ticks: player.limited,
+            bus_faults: bus.failed,
+        }
+    }
+}
+
+/// A transfer that is under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Transfer {
+    /// Offset of the byte that is expected next.
+    pub next: u32,
+    /// Bytes of the blob.
+    pub length: u32,
+}
+
+/// How things stand.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// The device.
+    pub device: Condition,
+    /// How the last job ended: `Ready`, `Failed` or `SelfTest`.
+    pub outcome: Option<Event>,
+    /// The transfer of a blob.
+    pub transfer: Option<Transfer>,
+    /// What was done about a silent host since the last status.
+    pub host_lost: Option<LossAction>,
+    /// What the device's receiver skipped.
+    pub skipped: Faults,
+    /// Replies and events that found no room on their way out.
+    pub unsent: u32,
+}

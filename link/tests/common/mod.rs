@@ -1,0 +1,371 @@
+//! A robot without a body: flash that keeps NOR's rules, jobs that end when the test says so.
+#![allow(dead_code)]
+
+pub mod host;
+
+use std::collections::VecDeque;
+
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
+use motionette_link::message::{
+    Condition, Event, Failure, Generate, ModelInfo, Refusal, Stage, State, UpdateFault, Work, name,
+};
+use motionette_link::server::{Description, Device, Job, Sink};
+use motionette_link::update::{Layout, Slot, Storage, Store};
+
+/// A small blob that the runtime takes, and another one.
+pub const BLOB: &[u8] = include_bytes!("../../../tests/corpus/planner.blob");
+pub const OTHER: &[u8] = include_bytes!("../../../tests/corpus/anchors.blob");
+
+pub fn crc(bytes: &[u8]) -> u32 {
+    !motionette::blob::crc32(!0, bytes)
+}
+
+/// Seeded numbers, xorshift64*.
+#[derive(Clone, Debug)]
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    pub fn bits(&mut self) -> u64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
+    }
+
+    pub fn below(&mut self, bound: usize) -> usize {
+        ((self.bits() >> 32) as usize) % bound
+    }
+
+    /// True once in `n` times.
+    pub fn once_in(&mut self, n: usize) -> bool {
+        self.below(n) == 0
+    }
+
+    pub fn bytes(&mut self, length: usize) -> Vec<u8> {
+        (0..length).map(|_| self.bits() as u8).collect()
+    }
+}
+
+const SECTOR: usize = 1024;
+const SLOT: usize = 16 * SECTOR;
+
+/// NOR flash of two slots that panics when its rules are broken, and loses power when told.
+#[derive(Clone)]
+#[repr(C, align(16))]
+pub struct Flash {
+    bytes: [u8; 2 * SLOT],
+    /// Words that were written since their sector was erased.
+    written: Vec<bool>,
+    /// Operations, and after how many of them power is lost.
+    pub operations: usize,
+    pub power_for: usize,
+    /// Bytes of memory the device has for a model.
+    pub memory: u32,
+}
+
+impl Default for Flash {
+    fn default() -> Self {
+        // What a part holds that nobody has erased yet.
+        Flash {
+            bytes: [0xA5; 2 * SLOT],
+            written: vec![true; 2 * SLOT / Self::WRITE_SIZE],
+            operations: 0,
+            power_for: usize::MAX,
+            memory: 12_000,
+        }
+    }
+}
+
+impl Flash {
+    /// Counts an operation; false when power is lost in its middle.
+    fn powered(&mut self) -> Result<bool, NorFlashErrorKind> {
+        if self.operations > self.power_for {
+            return Err(NorFlashErrorKind::Other);
+        }
+        self.operations += 1;
+        Ok(self.operations <= self.power_for)
+    }
+
+    pub fn damage(&mut self, at: usize) {
+        self.bytes[at] ^= 0x10;
+    }
+}
+
+impl ErrorType for Flash {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+        check_read(self, offset, bytes.len())?;
+        bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = 16;
+    const ERASE_SIZE: usize = SECTOR;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
+        check_erase(self, from, to).expect("erasure on sector boundaries");
+        let whole = self.powered()?;
+        let (from, to) = (from as usize, to as usize);
+        // Cut short, the first half is erased, the second keeps its bits.
+        let end = if whole { to } else { from + (to - from) / 2 };
+        self.bytes[from..end].fill(0xFF);
+        self.written[from / Self::WRITE_SIZE..end / Self::WRITE_SIZE].fill(false);
+        if whole { Ok(()) } else { Err(NorFlashErrorKind::Other) }
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+        check_write(self, offset, bytes.len()).expect("writes on word boundaries");
+        let whole = self.powered()?;
+        let count = if whole { bytes.len() } else { bytes.len() / 2 };
+        for (at, &byte) in (offset as usize..).zip(&bytes[..count]) {
+            if at.is_multiple_of(Self::WRITE_SIZE) {
+                let word = &mut self.written[at / Self::WRITE_SIZE];
+                assert!(!*word, "byte {at} is written twice without an erasure");
+                *word = true;
+            }
+            self.bytes[at] &= byte;
+        }
+        if whole { Ok(()) } else { Err(NorFlashErrorKind::Other) }
+    }
+}
+
+impl Storage for Flash {
+    type Flash = Self;
+
+    fn flash(&mut self) -> &mut Self {
+        self
+    }
+
+    fn layout(&self) -> Layout {
+        Layout { offsets: [0, SLOT as u32], length: SLOT as u32 }
+    }
+
+    fn mapped(&self, slot: Slot) -> &[u8] {
+        &self.bytes[usize::from(slot.index()) * SLOT..][..SLOT]
+    }
+
+    fn fits(&self, model: &motionette::Model<'_>) -> Result<(), UpdateFault> {
+        let (needed, available) = (model.bytes().len() as u32, self.memory);
+        if needed > available { Err(UpdateFault::Memory { needed, available }) } else { Ok(()) }
+    }
+}
+
+/// The robot.
+#[derive(Clone)]
+pub struct Robot {
+    pub flash: Flash,
+    pub condition: Condition,
+    pub play_when_ready: bool,
+    /// A motion waits to go on.
+    pub held: bool,
+    pub events: VecDeque<Event>,
+    /// What was asked of it, in order.
+    pub calls: Vec<&'static str>,
+    pub last: Option<Generate>,
+    pub activations: usize,
+    /// Ids of all jobs.
+    pub jobs: Vec<u32>,
+}
+
+impl Default for Robot {
+    fn default() -> Self {
+        let condition = Condition {
+            state: State::Holding,
+            work: None,
+            frames_queued: 0,
+            ticks: 7,
+            missed_ticks: 0,
+            starved_ticks: 0,
+            limited_ticks: 0,
+            bus_faults: 0,
+        };
+        Robot {
+            flash: Flash::default(),
+            condition,
+            play_when_ready: false,
+            held: false,
+            events: VecDeque::new(),
+            calls: Vec::new(),
+            last: None,
+            activations: 0,
+            jobs: Vec::new(),
+        }
+    }
+}
+
+impl Robot {
+    /// What its own clock does: work goes on, a motion plays on.
+    pub fn advance(&mut self) {
+        self.condition.ticks += 1;
+        if let Some(work) = &mut self.condition.work {
+            work.stage = if self.last.is_some() { Stage::Planning } else { Stage::Testing };
+            work.step += 1;
+            if work.step > work.steps {
+                let job = work.job;
+                self.condition.work = None;
+                match self.last.take() {
+                    Some(request) => {
+                        self.condition.frames_queued = 3;
+                        let control_error = (!request.anchors.is_empty()).then_some(0.25);
+                        self.events.push_back(Event::Ready { job, frames: 3, control_error });
+                        if self.play_when_ready {
+                            self.condition.state = State::Playing;
+                        }
+                    }
+                    None => self.events.push_back(Event::SelfTest { job, passed: Some(true) }),
+                }
+            }
+        }
+        match self.condition.state {
+            State::Playing if self.condition.frames_queued > 0 => self.condition.frames_queued -= 1,
+            State::Playing => {
+                self.condition.state = State::Holding;
+                self.events.push_back(Event::Finished);
+            }
+            State::Returning => self.condition.state = State::Neutral,
+            _ => {}
+        }
+    }
+}
+
+impl Device for Robot {
+    type Storage = Flash;
+
+    fn describe(&self) -> Description {
+        let model = Some(ModelInfo { name: name("nano"), frame_rate: 20, frames: 196 });
+        Description { preset: name("table-top"), model }
+    }
+
+    fn condition(&self) -> Condition {
+        self.condition
+    }
+
+    fn start(&mut self, job: u32, work: Job<'_>) -> Result<(), Refusal> {
+        assert!(self.condition.work.is_none(), "two jobs at once");
+        if self.condition.state.moves() {
+            return Err(Refusal::Moving);
+        }
+        self.calls.push("start");
+        self.jobs.push(job);
+        self.last = match work {
+            Job::Generate(request) => Some(request.clone()),
+            Job::SelfTest => None,
+        };
+        self.play_when_ready =
+            self.condition.state != State::Stopped && self.last.as_ref().is_some_and(|r| r.play_when_ready);
+        self.condition.work = Some(Work { job, stage: Stage::Waiting, step: 0, steps: 2 });
+        Ok(())
+    }
+
+    fn play(&mut self) -> Result<(), Refusal> {
+        match self.condition.state {
+            State::Stopped => Err(Refusal::Stopped),
+            state if state.moves() => Err(Refusal::Moving),
+            _ if self.condition.frames_queued == 0 => Err(Refusal::NothingToPlay),
+            _ => {
+                self.calls.push("play");
+                self.condition.state = State::Playing;
+                Ok(())
+            }
+        }
+    }
+
+    fn stop(&mut self) {
+        self.calls.push("stop");
+        if let Some(work) = self.condition.work.take() {
+            self.last = None;
+            self.events.push_back(Event::Failed { job: work.job, why: Failure::Aborted });
+        }
+        self.condition.state = State::Stopped;
+        self.condition.frames_queued = 0;
+        self.held = false;
+    }
+
+    fn hold(&mut self) -> Result<(), Refusal> {
+        self.play_when_ready = false;
+        if self.condition.state != State::Playing {
+            return Err(Refusal::NotPlaying);
+        }
+        self.calls.push("hold");
+        self.condition.state = State::Holding;
+        self.held = true;
+        Ok(())
+    }
+
+    fn resume(&mut self) -> Result<(), Refusal> {
+        if !core::mem::take(&mut self.held) {
+            return Err(Refusal::NotPlaying);
+        }
+        self.calls.push("resume");
+        self.condition.state = State::Playing;
+        Ok(())
+    }
+
+    fn neutral(&mut self) -> Result<(), Refusal> {
+        if self.condition.state.moves() {
+            return Err(Refusal::Moving);
+        }
+        self.calls.push("neutral");
+        self.condition.state = State::Returning;
+        Ok(())
+    }
+
+    fn event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    fn storage(&mut self) -> Option<&mut Flash> {
+        Some(&mut self.flash)
+    }
+
+    fn activated(&mut self, store: &Store) {
+        let bytes = store.bytes(&self.flash).expect("an active blob");
+        motionette::Model::open(bytes).expect("an active blob that opens");
+        self.activations += 1;
+    }
+}
+
+/// A line with room without end.
+#[derive(Clone, Default)]
+pub struct Line(pub Vec<u8>);
+
+impl Sink for Line {
+    fn room(&self) -> usize {
+        usize::MAX
+    }
+
+    fn send(&mut self, frame: &[u8]) {
+        self.0.extend_from_slice(frame);
+    }
+}
+
+/// Bytes as they are, without a length in front.
+pub struct Raw<'a>(pub &'a [u8]);
+
+impl serde::Serialize for Raw<'_> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        use serde::ser::SerializeTuple;
+        let mut tuple = serializer.serialize_tuple(self.0.len())?;
+        for byte in self.0 {
+            tuple.serialize_element(byte)?;
+        }
+        tuple.end()
+    }
+}

@@ -1,0 +1,219 @@
+//! Structure-aware fuzzing of the server: nothing panics and the rules hold, whatever comes.
+//!
+//! The robot of `common` panics on two jobs at once, on flash rules broken, and on a blob made active that does not open.
+
+mod common;
+
+use common::host::{SILENCE, replies};
+use common::{BLOB, Line, OTHER, Random, Raw, Robot, crc};
+use motionette::Model;
+use motionette_link::frame::encode;
+use motionette_link::message::{
+    Anchor, Command, Event, Generate, Header, Length, LossAction, REQUEST_BYTES, REQUEST_FRAME, Reply, Target,
+};
+use motionette_link::server::{Server, Silence};
+use motionette_link::update::Store;
+
+fn generate(random: &mut Random) -> Command {
+    let text = random.below(193);
+    let text = (0..text).map(|_| char::from(b' ' + random.below(90) as u8)).collect();
+    let anchors = (0..random.below(33))
+        .map(|_| {
+            let number = |random: &mut Random| f32::from_bits(random.bits() as u32);
+            let position = [number(random), number(random), number(random)];
+            let target = match random.below(3) {
+                0 => Target::Root(position),
+                1 => Target::PlanarRoot([position[0], position[1]]),
+                _ => Target::Joint { joint: random.bits() as u8, position },
+            };
+            Anchor { frame: random.bits() as u16, target }
+        })
+        .collect();
+    let length = if random.once_in(2) { Length::Predicted } else { Length::Frames(random.bits() as u16) };
+    let play_when_ready = random.once_in(2);
+    Command::Generate(Generate { length, seed: random.bits(), anchors, play_when_ready, ..Generate::new(text) })
+}
+
+/// A command, most likely one that gets somewhere: `next` is where the transfer of `blob` stands.
+fn command(random: &mut Random, blob: &[u8], next: usize) -> Command {
+    match random.below(24) {
+        0 => Command::Hello,
+        1..=3 => generate(random),
+        4 => Command::Play,
+        5 => Command::Stop,
+        6 => Command::Hold,
+        7 => Command::Resume,
+        8..=9 => Command::Neutral,
+        10 => Command::Status,
+        11 => Command::SelfTest,
+        12 => Command::BlobBegin { length: blob.len() as u32, crc32: crc(blob) },
+        13 => Command::BlobBegin { length: random.below(20_000) as u32, crc32: random.bits() as u32 },
+        14 => Command::BlobCommit,
+        15 if random.once_in(8) => Command::BlobAbort,
+        16 => {
+            let count = random.below(241);
+            let bytes = random.bytes(count);
+            Command::BlobChunk { offset: random.below(20_000) as u32, bytes: bytes.into_iter().collect() }
+        }
+        17 => Command::KeepAlive,
+        _ => {
+            let from = next.min(blob.len());
+            let count = (1 + random.below(240)).min(blob.len() - from);
+            Command::BlobChunk { offset: from as u32, bytes: blob[from..][..count].iter().copied().collect() }
+        }
+    }
+}
+
+#[derive(Default, Debug)]
+struct Tally {
+    accepted: usize,
+    refused: usize,
+    committed: usize,
+    jobs: usize,
+    skipped: usize,
+    lost: usize,
+}
+
+fn run(seed: u64, tally: &mut Tally) {
+    let mut random = Random::new(seed);
+    let action = if random.once_in(2) { LossAction::Hold } else { LossAction::Finish };
+    let silence = if random.once_in(4) { Silence { after_ms: 0, action } } else { Silence { after_ms: 400, action } };
+    let mut robot = Robot::default();
+    let mut server = Server::new(Store::open(&robot.flash), silence);
+    let (mut now, mut session, mut id) = (0u64, 9, 0u32);
+    let blob = if random.once_in(2) { BLOB } else { OTHER };
+    // A transfer in one go now and then, so that commits happen.
+    let mut script: Vec<Command> = Vec::new();
+    let mut active = server.store().active();
+    for _ in 0..400 {
+        let next = server.store().transfer().map_or(0, |t| t.next as usize);
+        if script.is_empty() && random.once_in(60) {
+            script.extend([Command::Neutral, Command::BlobCommit]);
+            let chunks = blob.chunks(240).enumerate().rev();
+            script.extend(
+                chunks.map(|(i, c)| Command::BlobChunk { offset: 240 * i as u32, bytes: c.iter().copied().collect() }),
+            );
+            let begin = Command::BlobBegin { length: blob.len() as u32, crc32: crc(blob) };
+            script.extend([begin, Command::Stop, Command::Hello]);
+            session = random.bits() as u32;
+        }
+        let rare = if script.is_empty() { 1 } else { 40 };
+        let command = script.pop().unwrap_or_else(|| command(&mut random, blob, next));
+        if !random.once_in(20 * rare) {
+            id = id.wrapping_add(1);
+        }
+        if random.once_in(100 * rare) {
+            session = random.below(3) as u32;
+        }
+        let mut header = Header::new(session, id);
+        if random.once_in(50 * rare) {
+            header.version = random.bits() as u8;
+        }
+        if random.once_in(50 * rare) {
+            header.id = random.bits() as u32;
+        }
+        let mut buffer = [0; REQUEST_BYTES];
+        let mut message = postcard::to_slice(&(header, &command), &mut buffer).unwrap().to_vec();
+        // Below the checksum...
+        if random.once_in(6 * rare) {
+            mutate(&mut message, &mut random);
+        }
+        message.truncate(REQUEST_BYTES - 4);
+        let mut buffer = [0; REQUEST_FRAME];
+        let mut frame = encode(&Raw(&message), &mut buffer).unwrap().to_vec();
+        // ... and above it.
+        if random.once_in(8 * rare) {
+            mutate(&mut frame, &mut random);
+        }
+        let mut line = Line::default();
+        let mut rest = &frame[..];
+        while !rest.is_empty() {
+            let (part, behind) = rest.split_at(1 + random.below(rest.len()));
+            server.receive(now, part, &mut robot, &mut line);
+            rest = behind;
+        }
+        if random.once_in(3) {
+            now += random.below(300) as u64;
+            robot.advance();
+            server.poll(now, &mut robot, &mut line);
+        }
+
+        for (_, reply) in replies(&line.0) {
+            match reply {
+                Reply::Refused(refusal) => {
+                    assert!(!refusal.to_string().is_empty());
+                    tally.refused += 1;
+                }
+                Reply::Committed(_) => tally.committed += 1,
+                Reply::Event(Event::HostLost(_)) => tally.lost += 1,
+                _ => tally.accepted += 1,
+            }
+        }
+        let transfer = server.store().transfer();
+        assert!(transfer.is_none() || !robot.condition.state.moves(), "seed {seed}: moves while flash is written");
+        assert!(transfer.is_none() || robot.condition.work.is_none(), "seed {seed}: works while flash is written");
+        if server.store().active() != active {
+            active = server.store().active();
+            let bytes = server.store().bytes(&robot.flash).unwrap();
+            assert!(bytes == blob && Model::open(bytes).is_ok(), "seed {seed}: an unverified blob is active");
+        }
+    }
+    // What is in flash says the same as what is in memory.
+    assert_eq!(Store::open(&robot.flash).active(), active, "seed {seed}");
+    tally.jobs += robot.jobs.len();
+    tally.skipped += server.skipped().total() as usize;
+}
+
+fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
+    for _ in 0..1 + random.below(3) {
+        let at = random.below(bytes.len().max(1));
+        match random.below(5) {
+            0 => bytes.insert(at.min(bytes.len()), random.bits() as u8),
+            1 if !bytes.is_empty() => drop(bytes.remove(at)),
+            2 => bytes.truncate(at),
+            3 if !bytes.is_empty() => bytes[at] = [0, 1, 0x7F, 0x80, 0xFF][random.below(5)],
+            _ if !bytes.is_empty() => bytes[at] ^= 1 << random.below(8),
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn nothing_panics_and_the_rules_hold() {
+    let mut tally = Tally::default();
+    for seed in 0..400 {
+        run(seed, &mut tally);
+    }
+    // The fuzzer gets everywhere.
+    let Tally { accepted, refused, committed, jobs, skipped, lost } = tally;
+    assert!(accepted > 20_000 && refused > 20_000, "{tally:?}");
+    assert!(committed > 100 && jobs > 1000 && skipped > 1000 && lost > 100, "{tally:?}");
+}
+
+/// Frames come late, twice, in the wrong order, or not at all: no request is executed twice, and none behind a later one.
+#[test]
+fn every_request_once_and_in_order() {
+    for seed in 0..300 {
+        let mut random = Random::new(seed);
+        let mut robot = Robot::default();
+        let mut server = Server::new(Store::open(&robot.flash), SILENCE);
+        let mut line = Line::default();
+        let mut buffer = [0; REQUEST_FRAME];
+        let hello = encode(&(Header::new(4, 1), Command::Hello), &mut buffer).unwrap();
+        server.receive(0, hello, &mut robot, &mut line);
+        let mut window: Vec<Vec<u8>> = Vec::new();
+        for id in 2..200 {
+            let command = if random.once_in(2) { Command::SelfTest } else { generate(&mut random) };
+            let frame = encode(&(Header::new(4, id), command), &mut buffer).unwrap().to_vec();
+            for _ in 0..random.below(4) {
+                window.push(frame.clone());
+            }
+            while window.len() > 3 {
+                let chosen = random.below(window.len());
+                server.receive(0, &window.swap_remove(chosen), &mut robot, &mut line);
+                robot.advance();
+            }
+        }
+        assert!(robot.jobs.len() > 10 && robot.jobs.is_sorted_by(|a, b| a < b), "seed {seed}: {:?}", robot.jobs);
+    }
+}

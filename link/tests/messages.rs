@@ -1,0 +1,258 @@
+//! Every message there and back, and the bytes of two of them.
+
+mod common;
+
+use common::{Random, Raw};
+use motionette_link::frame::{Faults, Receiver, encode, frame_bytes};
+use motionette_link::message::{
+    ANCHORS, Anchor, Blob, BlobFault, CHUNK_BYTES, Command, Condition, Event, Failure, FlashFault, Generate, Header,
+    Hello, Length, Limits, LossAction, ModelInfo, NAME_BYTES, REPLY_BYTES, REPLY_FRAME, REQUEST_BYTES, REQUEST_FRAME,
+    Refusal, Reply, Stage, State, Status, TEXT_BYTES, Target, Transfer, UpdateFault, Work, name,
+};
+use serde::{Serialize, de::DeserializeOwned};
+
+const HEADER: Header = Header { version: 1, session: u32::MAX, id: u32::MAX };
+
+fn round_trip<T: Serialize + DeserializeOwned + PartialEq + core::fmt::Debug>(message: &T, limit: usize) {
+    let mut buffer = [0; REQUEST_FRAME];
+    let frame = encode(&(HEADER, message), &mut buffer[..limit]).unwrap();
+    let mut receiver = Receiver::<REQUEST_BYTES>::new();
+    let mut bytes = frame;
+    let received = receiver.next(&mut bytes).unwrap().unwrap();
+    let (header, body): (Header, &[u8]) = postcard::take_from_bytes(received).unwrap();
+    assert_eq!(header, HEADER);
+    let (back, rest) = postcard::take_from_bytes::<T>(body).unwrap();
+    assert_eq!((&back, rest), (message, &[][..]));
+}
+
+fn largest_request() -> Generate {
+    let anchor = Anchor { frame: u16::MAX, target: Target::Joint { joint: 21, position: [-1.5e30, 0.25, f32::MIN] } };
+    Generate {
+        text: core::iter::repeat_n('x', TEXT_BYTES).collect(),
+        length: Length::Frames(u16::MAX),
+        seed: u64::MAX,
+        steps: u16::MAX,
+        guidance: 1.5,
+        evaluations: u16::MAX,
+        anchors: [anchor; ANCHORS].into_iter().collect(),
+        play_when_ready: true,
+    }
+}
+
+#[test]
+fn every_command_there_and_back() {
+    let commands = [
+        Command::Hello,
+        Command::Generate(largest_request()),
+        Command::Generate(Generate::new("a person bows".try_into().unwrap())),
+        Command::Play,
+        Command::Stop,
+        Command::Hold,
+        Command::Resume,
+        Command::Neutral,
+        Command::Status,
+        Command::SelfTest,
+        Command::BlobBegin { length: u32::MAX, crc32: u32::MAX },
+        Command::BlobChunk { offset: u32::MAX, bytes: (0..CHUNK_BYTES).map(|b| b as u8).collect() },
+        Command::BlobCommit,
+        Command::BlobAbort,
+        Command::KeepAlive,
+    ];
+    for (index, command) in commands.iter().enumerate() {
+        round_trip(command, REQUEST_FRAME);
+        // The variant's number is the wire format: two requests of one kind stand in the list.
+        let number = postcard::to_slice(command, &mut [0; REQUEST_BYTES]).unwrap()[0];
+        assert_eq!(usize::from(number), if index < 2 { index } else { index - 1 }, "{command:?}");
+    }
+}
+
+#[test]
+fn every_reply_there_and_back() {
+    let full = name(&"é".repeat(NAME_BYTES));
+    assert_eq!(full.len(), NAME_BYTES);
+    let blob = Blob { slot: 1, sequence: u32::MAX, length: u32::MAX, crc32: u32::MAX };
+    let events = [
+        Event::Ready { job: u32::MAX, frames: u16::MAX, control_error: Some(0.5) },
+        Event::Finished,
+        Event::SelfTest { job: 3, passed: None },
+        Event::HostLost(LossAction::Abort),
+    ];
+    let failures = [
+        Failure::Memory { needed: u32::MAX, available: u32::MAX },
+        Failure::FloatingPoint,
+        Failure::Tokens { found: u32::MAX, limit: u32::MAX },
+        Failure::NoPlanner,
+        Failure::EmptyPrompt,
+        Failure::LongPrompt { found: u32::MAX, limit: 1 },
+        Failure::UnknownWords { words: 3 },
+        Failure::Steps { found: 0, limit: 1000 },
+        Failure::Guidance { found: -1.0 },
+        Failure::Anchors { found: 33, limit: 32 },
+        Failure::AnchorFrame { index: u32::MAX, frame: u16::MAX, frames: u32::MAX },
+        Failure::AnchorJoint { index: 1, joint: 22 },
+        Failure::AnchorPosition { index: 1 },
+        Failure::AnchorConflict { first: u32::MAX, second: u32::MAX },
+        Failure::Aborted,
+        Failure::Solver,
+        Failure::Unknown,
+    ];
+    let updates = [
+        UpdateFault::Length { length: u32::MAX, limit: u32::MAX },
+        UpdateFault::NoTransfer,
+        UpdateFault::Incomplete { next: 1, length: 2 },
+        UpdateFault::Checksum { computed: u32::MAX, announced: 0 },
+        UpdateFault::Model(BlobFault::Version { found: u16::MAX, supported: 3 }),
+        UpdateFault::Memory { needed: u32::MAX, available: u32::MAX },
+        UpdateFault::Flash(FlashFault::ReadBack),
+        UpdateFault::Layout,
+    ];
+    let faults = Faults { encoding: u32::MAX, too_long: u32::MAX, checksum: u32::MAX, unfit: u32::MAX };
+    let device = Condition {
+        state: State::Stopped,
+        work: Some(Work { job: u32::MAX, stage: Stage::Testing, step: u16::MAX, steps: u16::MAX }),
+        frames_queued: u16::MAX,
+        ticks: u32::MAX,
+        missed_ticks: u32::MAX,
+        starved_ticks: u32::MAX,
+        limited_ticks: u32::MAX,
+        bus_faults: u32::MAX,
+    };
+    let status = Status {
+        device,
+        outcome: Some(Event::Failed { job: u32::MAX, why: failures[10] }),
+        transfer: Some(Transfer { next: u32::MAX, length: u32::MAX }),
+        host_lost: Some(LossAction::Hold),
+        skipped: faults,
+        unsent: u32::MAX,
+    };
+    let hello = Hello {
+        version: full.clone(),
+        preset: full.clone(),
+        model: Some(ModelInfo { name: full, frame_rate: u16::MAX, frames: u16::MAX }),
+        blob: Some(blob),
+        limits: Limits {
+            text_bytes: u16::MAX,
+            anchors: u8::MAX,
+            chunk_bytes: u16::MAX,
+            blob_bytes: u32::MAX,
+            silence_ms: u32::MAX,
+            on_silence: LossAction::Finish,
+        },
+    };
+    let refusals = [
+        Refusal::Version { supported: 255 },
+        Refusal::Session,
+        Refusal::Stale { last: u32::MAX },
+        Refusal::Malformed,
+        Refusal::Busy { job: u32::MAX },
+        Refusal::Moving,
+        Refusal::Stopped,
+        Refusal::NothingToPlay,
+        Refusal::NotPlaying,
+        Refusal::Transferring { next: u32::MAX, length: u32::MAX },
+        Refusal::NoModel,
+        Refusal::NoStorage,
+    ];
+    let mut replies = vec![
+        Reply::Hello(hello),
+        Reply::Accepted,
+        Reply::Status(status),
+        Reply::Chunk { next: u32::MAX },
+        Reply::Committed(blob),
+    ];
+    let failed = failures.map(|why| Event::Failed { job: u32::MAX, why });
+    replies.extend(events.into_iter().chain(failed).map(Reply::Event));
+    replies.extend(refusals.into_iter().chain(updates.map(Refusal::Update)).map(Reply::Refused));
+    for reply in &replies {
+        round_trip(reply, REPLY_FRAME);
+    }
+    for words in failures.map(|e| e.to_string()).into_iter().chain(refusals.map(|e| e.to_string())) {
+        assert!(!words.is_empty());
+    }
+}
+
+/// The example of PROTOCOL.md.
+#[test]
+fn bytes_of_a_request_and_its_reply() {
+    let mut buffer = [0; REQUEST_FRAME];
+    let header = Header::new(0x1234, 2);
+    let begin = Command::BlobBegin { length: 1000, crc32: 0xCAFE_F00D };
+    let frame = encode(&(header, begin), &mut buffer).unwrap();
+    #[rustfmt::skip]
+    let whole = [
+        0x00, // delimiter
+        0x11, // COBS: no zero in the next 16 bytes
+        0x01, // version
+        0xB4, 0x24, // session 0x1234
+        0x02, // id
+        0x09, // BlobBegin
+        0xE8, 0x07, // length 1000
+        0x8D, 0xE0, 0xFB, 0xD7, 0x0C, // crc32 0xCAFEF00D
+        0x17, 0x79, 0x30, 0xB4, // CRC-32 of the twelve bytes above, as zlib has it
+        0x00, // delimiter
+    ];
+    assert_eq!(frame, whole);
+
+    let header = Header::reply(0x1234, 2);
+    let frame = encode(&(header, Reply::Chunk { next: 0 }), &mut buffer).unwrap();
+    #[rustfmt::skip]
+    let whole = [
+        0x00, // delimiter
+        0x06, // COBS: the next zero stands 6 bytes on
+        0x81, 0xB4, 0x24, 0x02, // version with the device's bit, session, id
+        0x04, // Chunk
+        0x05, // next 0: a zero of the message; the next one stands 5 bytes on
+        0x09, 0xE1, 0xD1, 0xC9, // CRC-32
+        0x00, // delimiter
+    ];
+    assert_eq!(frame, whole);
+}
+
+#[test]
+fn anchors_keep_their_meaning() {
+    for anchor in [
+        motionette::Anchor::root(3, [1.0, 2.0, 3.0]),
+        motionette::Anchor::planar_root(4, [5.0, 6.0]),
+        motionette::Anchor::joint(7, 21, [8.0, 9.0, 10.0]),
+    ] {
+        assert_eq!(motionette::Anchor::from(Anchor::from(anchor)), anchor);
+    }
+    let mut request = largest_request();
+    let anchors = request.anchors();
+    let made = request.request(&anchors);
+    assert_eq!((made.anchors.len(), made.planning.steps, made.planning.seed), (ANCHORS, u16::MAX, u64::MAX));
+    assert_eq!(made.planning.length, motionette::Length::Frames(u16::MAX));
+    assert_eq!(made.refinement.map(|r| r.evaluations), Some(u16::MAX));
+    request.anchors.clear();
+    assert!(request.request(&[]).refinement.is_none());
+}
+
+#[test]
+fn a_buffer_that_is_too_small_is_an_error() {
+    let message = (HEADER, Command::Generate(largest_request()));
+    let mut buffer = [0; REQUEST_FRAME];
+    let length = encode(&message, &mut buffer).unwrap().len();
+    for room in 0..length {
+        assert_eq!(encode(&message, &mut buffer[..room]).unwrap_err().room, room);
+    }
+    assert_eq!(frame_bytes(REPLY_BYTES), REPLY_FRAME);
+}
+
+/// Frames of random messages of every length survive, also around COBS's blocks of 254.
+#[test]
+fn frames_of_any_length_and_content() {
+    let mut random = Random::new(1);
+    for length in 0..=REQUEST_BYTES - 4 {
+        let message: Vec<u8> = match length % 3 {
+            0 => vec![0; length],
+            1 => (0..length).map(|_| random.bits() as u8 | 1).collect(),
+            _ => random.bytes(length),
+        };
+        // A tuple of bytes, without a length in front.
+        let mut buffer = vec![0; frame_bytes(length + 4)];
+        let frame = encode(&Raw(&message), &mut buffer).unwrap();
+        assert!(frame[1..frame.len() - 1].iter().all(|&byte| byte != 0));
+        let mut receiver = Receiver::<REQUEST_BYTES>::new();
+        assert_eq!(receiver.next(&mut &*frame), Some(Ok(&message[..])), "{length}");
+    }
+}
