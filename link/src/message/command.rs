@@ -71,11 +71,11 @@ pub struct Generate {
     pub length: Length,
     /// Seed of everything that is drawn.
     pub seed: u64,
-    /// Steps of the planner.
+    /// Steps of the planner; 0: as many as the device prefers.
     pub steps: u16,
     /// How strongly the text guides; 1 is off.
     pub guidance: f32,
-    /// Decoder evaluations of the refinement.
+    /// Decoder evaluations of the refinement; 0: as many as the device prefers.
     pub evaluations: u16,
     /// Where the motion must pass.
     pub anchors: Vec<Anchor, ANCHORS>,
