@@ -101,6 +101,38 @@ fn a_slow_motion_is_followed_and_a_standing_body_is_neutral() {
     }
 }
 
+#[test]
+fn a_fit_says_what_is_asked_for() {
+    let robot = load("upper-body").expect("a preset");
+    let wide = PRESETS[0].text.replace("range = [-40, 50]", "range = [-90, 90]");
+    let wide = robot_file::parse(&wide, "wide").expect("a robot");
+    // A nod of 60 degrees a second up to 60 degrees, where the robot's neck ends at 50.
+    let body = |frame: u8| {
+        let nod = 3.0 * f32::from(frame.min(20));
+        let angle = |name: &str| if name == "head pitch" { nod } else { 0.0 };
+        reach(&wide, &standing(), &wide.channels.iter().map(|c| angle(&c.name)).collect::<Vec<f32>>())
+    };
+    let motion: Vec<Pose> = (0..=40).map(body).collect();
+    let fit = Fit::of(&robot, &motion, 20).expect("played");
+    for channel in &fit.channels {
+        let [low, high] = channel.used;
+        if channel.name == "head pitch" {
+            assert!(low.abs() < 0.1 && (high - 50.0).abs() < 0.01, "{channel:?}");
+            assert!((channel.clipped - 24.0 / 41.0).abs() < 1e-9, "{channel:?}");
+            // Interpolation rounds the corners off, so it is faster in between.
+            assert!((60.0..80.0).contains(&channel.speed) && channel.speed_limit == 300.0, "{channel:?}");
+        } else {
+            assert!(
+                channel.clipped == 0.0 && low.abs() < 0.1 && high.abs() < 0.1 && channel.speed < 2.0,
+                "{channel:?}"
+            );
+        }
+    }
+    // The head is 9 cm above the neck: 10 degrees short are a chord of 15.7 mm.
+    assert!((fit.reached.max_mm - 15.7).abs() < 0.5, "{:?}", fit.reached);
+    assert!(Fit::of(&wide, &motion, 20).expect("played").reached.max_mm < 0.5);
+}
+
 fn distance(a: [f32; 3], b: [f32; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt()
 }

@@ -203,7 +203,9 @@ fn every_fault_is_found_at_its_line() {
         let hit = hit.unwrap_or_else(|| panic!("{by:?}: line {line}, {part:?}, not {found:#?}"));
         assert_eq!(hit.text, text.lines().nth(line - 1).expect("a line"), "the line is shown");
         // What is needed beside a key that is gone or foreign is asked for, too.
-        let alone = !["the whole robot has", "defaults], not 3", "beyond a turn", "0 to 253 do"].contains(&part);
+        let alone = !["the whole robot has", "[defaults], not 3", "beyond a turn", "0 to 253 do"]
+            .iter()
+            .any(|p| part.contains(p));
         assert!(found.len() == 1 || !alone, "one cause, one complaint: {found:#?}");
     }
 }

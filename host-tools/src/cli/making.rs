@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::{Args, ValueEnum};
 use motionette::perception::prompt::{Prompt, PromptError};
 use motionette::perception::text::{UNKNOWN, Words};
 use motionette::planning::{Length, Planning, Sampling, Schedule};
@@ -17,7 +17,6 @@ use crate::motion::Pose;
 
 /// The motion that is asked for. Commands say which of these they need.
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("said").args(["text", "prompt"])))]
 pub(super) struct Making {
     /// The blob.
     #[arg(long, value_name = "FILE")]

@@ -1,8 +1,4 @@
-//! Rotations for joint positions, as animation formats want them.
-//!
-//! Positions do not determine rotations; these are chosen so that a T-pose with the motion's own mean bone lengths moves like a body: a
-//! joint with one child turns by the smallest rotation, relative to its parent, that points the bone at the child; a joint with several
-//! (pelvis, upper spine) by the rotation that fits all its children best; a joint without children not at all.
+//! Rotations for joint positions, as animation formats want them: those that [`super`] describes.
 
 use std::io;
 
