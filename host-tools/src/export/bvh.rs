@@ -1,9 +1,8 @@
 //! Joint positions to a Biovision hierarchy.
 //!
 //! The file holds the 22 joints under the names Mixamo gives them ([`NAMES`]), which animation programs and
-//! [`crate::import::bvh`] recognise, in centimetres, y up. Its rest pose is a T-pose with the motion's own mean bone lengths.
-//!
-//! [Rotations](super) are chosen.
+//! [`crate::import::bvh`] recognise, in centimetres, y up. Its rest pose is a T-pose with the motion's own mean bone lengths;
+//! [the parent module](super) says how rotations are chosen.
 //!
 //! Bones of a generated motion change their length by some millimetres. So every joint has position channels, which replace its
 //! OFFSET: what they say is the joint's place in its parent's rotated frame, and the file gives the positions back exactly, up to its

@@ -2,7 +2,8 @@
 //!
 //! The file holds a skeleton of 22 nodes under the names of [`skeleton::NAMES`], in metres, y up, facing +z as glTF wants it; an
 //! animation that moves and turns every node; and a skinned mesh with a slim octahedron a bone, so that viewers have something to show.
-//! [Rotations](super) are chosen; as every node's place is animated too, nodes pass through the motion's positions exactly.
+//! [The parent module](super) says how rotations are chosen; as every node's place is animated too, nodes pass through the motion's
+//! positions exactly.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
