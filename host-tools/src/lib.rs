@@ -10,7 +10,8 @@
 //! | [`checkpoint`] | tokenizer checkpoints: MoMask, T2M-GPT and our own, from safetensors or torch containers |
 //! | [`mod@reference`] | the plain-loop reference in f32 and f64: encoder, decoder, recovery, gradients, solver |
 //! | [`convert`] | quantisation and the blob |
-//! | [`export`] | motions in files that other programs read: BVH |
+//! | [`export`] | motions in files that other programs read: BVH, glTF, servo timelines |
+//! | [`servos`] | what a robot's servos make of a motion |
 //! | [`robot_file`] | `robot.toml`: servos, what they follow and what they may do |
 //! | [`anchors_file`] | `anchors.json`: where the motion must pass |
 //! | [`metrics`] | figures of a motion: jerk, foot skating, joint errors, control error |
@@ -45,4 +46,5 @@ pub mod parallel;
 pub mod plan;
 pub mod reference;
 pub mod robot_file;
+pub mod servos;
 pub mod verify;

@@ -2,6 +2,9 @@
 
 use motionette::blob::{DType, HEADER_LEN};
 use motionette::planning;
+use motionette::playback::line::line_bytes;
+use motionette::playback::robot::MAX_CHANNELS;
+use motionette::playback::{Feeder, Player, Robot};
 use motionette::refining::Config;
 use motionette::{Generator, Limits, Model, MotionStream, Plan, StreamLimits, StreamPlan};
 use serde::Serialize;
@@ -54,6 +57,44 @@ pub struct Stream {
     pub token_macs: u64,
     /// Multiply-accumulates of planning a segment, at most.
     pub planning_macs: u64,
+}
+
+/// A robot that plays the motions. Bytes are those of a 64-bit machine; a 32-bit one needs less.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Playback {
+    /// Name of the robot.
+    pub robot: String,
+    /// Its servo channels, `C`.
+    pub channels: usize,
+    /// Frames of the longest motion; the line's `N` is three more.
+    pub frames: usize,
+    /// Bytes of `Line<C, N>`, which holds a whole motion.
+    pub line_bytes: usize,
+    /// Bytes of `Feeder<C>`.
+    pub feeder_bytes: usize,
+    /// Bytes of `Player<C>`.
+    pub player_bytes: usize,
+}
+
+/// Memory that playing motions of up to `frames` frames on `robot` takes, beside the robot itself.
+#[must_use]
+pub fn playback(robot: &Robot, frames: usize) -> Playback {
+    let channels = robot.channels.len();
+    let [feeder_bytes, player_bytes] = ends_bytes(channels);
+    let line_bytes = line_bytes(channels, frames);
+    Playback { robot: robot.name.to_string(), channels, frames, line_bytes, feeder_bytes, player_bytes }
+}
+
+/// Sizes of the ends of a line of so many channels, at most [`MAX_CHANNELS`].
+fn ends_bytes(channels: usize) -> [usize; 2] {
+    macro_rules! ends_of {
+        ($($c:literal)*) => {
+            [$([size_of::<Feeder<'_, $c>>(), size_of::<Player<'_, $c>>()]),*]
+        };
+    }
+    let sizes: [[usize; 2]; MAX_CHANNELS + 1] =
+        ends_of!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31 32);
+    sizes[channels.min(MAX_CHANNELS)]
 }
 
 /// Everything `motionette plan` shows.

@@ -202,10 +202,11 @@ fn every_fault_is_found_at_its_line() {
         let hit = found.iter().find(|problem| problem.line == line && problem.message.contains(part));
         let hit = hit.unwrap_or_else(|| panic!("{by:?}: line {line}, {part:?}, not {found:#?}"));
         assert_eq!(hit.text, text.lines().nth(line - 1).expect("a line"), "the line is shown");
-        let foreign = replaced.starts_with("output") && by.starts_with("bus") || by.ends_with("id = 1");
-        let unknown =
-            part.starts_with("did you mean") || part.contains("the whole robot has") || part.contains("defaults]");
-        assert!(found.len() == 1 || foreign || unknown, "one cause, one complaint: {found:#?}");
+        // What is needed beside a key that is gone or foreign is asked for, too.
+        let alone = !["the whole robot has", "[defaults], not 3", "beyond a turn", "0 to 253 do"]
+            .iter()
+            .any(|p| part.contains(p));
+        assert!(found.len() == 1 || !alone, "one cause, one complaint: {found:#?}");
     }
 }
 

@@ -3,6 +3,7 @@
 use std::io;
 
 use crate::device;
+use crate::robot_file::Error;
 
 /// A line of advice for errors whose own text cannot know the situation.
 pub(super) fn of(error: &anyhow::Error) -> Option<&'static str> {
@@ -10,6 +11,9 @@ pub(super) fn of(error: &anyhow::Error) -> Option<&'static str> {
         return error.hint();
     }
     error.chain().find_map(|cause| {
+        if let Some(error) = cause.downcast_ref() {
+            return of_robot(error);
+        }
         let kind = cause.downcast_ref::<io::Error>()?.kind();
         match kind {
             io::ErrorKind::NotFound => Some("check the path; it is taken relative to the current folder"),
@@ -23,4 +27,18 @@ pub(super) fn of(error: &anyhow::Error) -> Option<&'static str> {
             _ => None,
         }
     })
+}
+
+fn of_robot(error: &Error) -> Option<&'static str> {
+    match error {
+        Error::Invalid(_) => {
+            Some("docs/robot.md describes every key; `motionette robot show NAME --toml` prints a preset to begin with")
+        }
+        Error::NoSuchRobot { .. } => {
+            Some("a file needs its ending (robot.toml); `motionette robot presets` lists the presets")
+        }
+        Error::Packed { .. } => Some("pack it again from its robot.toml with `motionette robot pack`"),
+        // The cause says more.
+        Error::Read { .. } => None,
+    }
 }

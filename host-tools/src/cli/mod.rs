@@ -6,14 +6,17 @@
 
 mod convert;
 mod device;
+mod export;
 mod generate;
 mod hint;
 mod import;
 mod inspect;
+mod making;
 mod model;
 mod plan;
 mod progress;
 mod recover;
+mod robot;
 mod verify;
 
 use std::io::Write;
@@ -45,9 +48,11 @@ enum Command {
     Inspect(inspect::Cmd),
     Plan(plan::Cmd),
     Verify(verify::Cmd),
-    // Motion: generate.
+    // Motion: generate, export.
     Generate(generate::Cmd),
-    // Robots.
+    Export(export::Cmd),
+    // Robots: what they are, and those that are connected.
+    Robot(robot::Cmd),
     Device(device::Cmd),
 }
 
@@ -61,6 +66,8 @@ impl Command {
             Self::Plan(cmd) => cmd.run(),
             Self::Verify(cmd) => cmd.run(),
             Self::Generate(cmd) => cmd.run(),
+            Self::Export(cmd) => cmd.run(),
+            Self::Robot(cmd) => cmd.run(),
             Self::Device(cmd) => cmd.run(),
         }
     }

@@ -13,6 +13,7 @@ use super::say;
 use crate::blob_file::BlobFile;
 use crate::output::write_atomic;
 use crate::plan::{self, Share};
+use crate::robot_file;
 
 /// Says exactly how much memory and work the largest request takes.
 ///
@@ -45,6 +46,9 @@ pub(super) struct Cmd {
     /// Plan for RouteSolver as published instead of the fast default.
     #[arg(long)]
     published: bool,
+    /// Plan for playing the motions on this robot, too: a preset or a file (docs/robot.md).
+    #[arg(long, value_name = "NAME|FILE")]
+    robot: Option<String>,
     /// Write Rust constants and the embedded blob for a firmware.
     #[arg(long, value_name = "FILE")]
     model_rs: Option<PathBuf>,
@@ -52,6 +56,7 @@ pub(super) struct Cmd {
 
 impl Cmd {
     pub(super) fn run(self) -> Result<Value> {
+        let robot = self.robot.as_deref().map(robot_file::load).transpose()?;
         let blob = BlobFile::open(&self.blob)?;
         let mut refinement = if self.published { Config::published(200) } else { Config::default() };
         if let Some(evaluations) = self.evaluations {
@@ -99,12 +104,23 @@ impl Cmd {
             grouped(stream.token_macs),
             grouped(stream.planning_macs)
         ));
+        let playback = robot.map(|robot| plan::playback(&robot, report.frames));
+        if let Some(p) = &playback {
+            let parts = [("line", p.line_bytes), ("feeder", p.feeder_bytes), ("player", p.player_bytes)];
+            let shares = parts.map(|(name, amount)| Share { name: name.to_owned(), amount: amount as u64 });
+            let title = format!("playback on {}, {} servos, {} frames", p.robot, p.channels, p.frames);
+            table(&title, "bytes", &shares, shares.iter().map(|share| share.amount).sum());
+        }
         if let Some(path) = &self.model_rs {
             let text = plan::model_rs(&report, &beside(&self.blob, path));
             write_atomic(path, |w| w.write_all(text.as_bytes())).context("writing the constants")?;
             say(&format!("constants to {}", path.display()));
         }
-        Ok(serde_json::to_value(&report)?)
+        let mut value = serde_json::to_value(&report)?;
+        if let (Value::Object(object), Some(playback)) = (&mut value, playback) {
+            object.insert("playback".to_owned(), serde_json::to_value(playback)?);
+        }
+        Ok(value)
     }
 }
 

@@ -1,7 +1,9 @@
 use std::path::PathBuf;
 
+use super::super::rig::T_POSE;
 use super::*;
 use crate::import::bvh as import;
+use crate::motion::skeleton;
 
 /// A body of rigid bones that walks a curve, turns more than once, bends at every joint and passes the pole of its angles.
 fn rigid_motion(frames: usize) -> Vec<Pose> {

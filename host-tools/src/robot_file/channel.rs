@@ -46,10 +46,12 @@ enum Kind {
     Sts3215,
 }
 
-/// Reads a channel. What cannot be read is complained about, marked as broken and replaced by something harmless.
-pub(super) fn read(reader: &mut Reader<'_>, mut table: Table<'_, '_>) -> (Channel, Placed) {
-    reader.unknown_keys(table.own, "a channel", &CHANNEL_KEYS);
+/// Reads a channel. What cannot be read is complained about, marked as broken and replaced by something harmless; keys that were
+/// `meant` in the defaults are not missing here.
+pub(super) fn read(reader: &mut Reader<'_>, mut table: Table<'_, '_>, meant: &[&'static str]) -> (Channel, Placed) {
     let table = &mut table;
+    let own = reader.unknown_keys(table.own, "a channel", &CHANNEL_KEYS);
+    own.iter().chain(meant).for_each(|key| table.places.broken(key));
     let name = reader.text(table, "name");
     if name.is_none() && table.places.sound(&["name"]) {
         missing(reader, table, "name", "name = \"left elbow\"");

@@ -147,8 +147,9 @@ impl<'s> Reader<'s> {
         })
     }
 
-    /// Complains about keys that nobody knows, or that stand in the wrong place.
-    pub fn unknown_keys(&mut self, table: &DeTable<'_>, what: &str, known: &[&str]) {
+    /// Complains about keys that nobody knows, or that stand in the wrong place. Gives those that were probably meant.
+    pub fn unknown_keys<'k>(&mut self, table: &DeTable<'_>, what: &str, known: &[&'k str]) -> Vec<&'k str> {
+        let mut meant = Vec::new();
         for key in table.keys().filter(|key| !known.contains(&&**key.get_ref())) {
             let name: &str = key.get_ref();
             let message = if CHANNEL_KEYS.contains(&name) && known != CHANNEL_KEYS {
@@ -156,12 +157,14 @@ impl<'s> Reader<'s> {
             } else if ROBOT_KEYS.contains(&name) && known != ROBOT_KEYS {
                 format!("{name} belongs to the whole robot: put it above the first [table]")
             } else if let Some(near) = nearest(name, known) {
+                meant.push(near);
                 format!("there is no key {name:?}: did you mean {near}?")
             } else {
                 format!("there is no key {name:?}: {what} has {}", known.join(", "))
             };
             self.report(key.span(), message);
         }
+        meant
     }
 }
 
@@ -225,9 +228,7 @@ pub(super) fn parse(source: &str) -> Result<Robot, Vec<Problem>> {
         channels: heapless::Vec::new(),
     };
     let defaults = reader.value(&mut table, "defaults", "a table: [defaults]", DeValue::as_table);
-    if let Some(defaults) = defaults {
-        reader.unknown_keys(defaults, "[defaults]", &DEFAULT_KEYS);
-    }
+    let meant = defaults.map(|defaults| reader.unknown_keys(defaults, "[defaults]", &DEFAULT_KEYS)).unwrap_or_default();
     let channels = reader.value(&mut table, "channel", "a list of tables: [[channel]]", |value| {
         let tables = value.as_array()?.iter().map(|item| Some((item.get_ref().as_table()?, item.span())));
         tables.collect::<Option<Vec<_>>>()
@@ -235,7 +236,7 @@ pub(super) fn parse(source: &str) -> Result<Robot, Vec<Problem>> {
     let mut placed: Vec<Placed> = Vec::new();
     for (channel, head) in channels.into_iter().flatten() {
         let place = head.clone();
-        let (channel, places) = channel::read(&mut reader, Table::new(channel, defaults, head));
+        let (channel, places) = channel::read(&mut reader, Table::new(channel, defaults, head), &meant);
         if robot.channels.push(channel).is_err() {
             reader.report(place, format!("a robot has at most {MAX_CHANNELS} channels"));
             break;

@@ -69,6 +69,17 @@ impl<const C: usize, const N: usize> Line<C, N> {
     }
 }
 
+/// Bytes of a [`Line`] of `channels` servos that takes a whole motion of `frames` frames, `size_of::<Line<channels, frames + 3>>()`: a
+/// place takes two bytes a channel and two more; the queue two indices besides, and one place that stays free; orders and counters the
+/// rest.
+#[must_use]
+pub const fn line_bytes(channels: usize, frames: usize) -> usize {
+    const ALIGN: usize = align_of::<Line<1, 2>>();
+    const FIXED: usize = 2 * size_of::<usize>();
+    let queue = (FIXED + (frames + 3) * (2 * channels + 2)).next_multiple_of(align_of::<usize>());
+    (queue + size_of::<Control>()).next_multiple_of(ALIGN)
+}
+
 /// Both ends of a [`Line`].
 pub struct Ends<'a, const C: usize> {
     /// For whoever makes motions.

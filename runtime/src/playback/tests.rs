@@ -2,7 +2,7 @@
 
 use super::body::Pose;
 use super::control::State;
-use super::line::{Ends, Full, Line, When};
+use super::line::{Ends, Full, Line, When, line_bytes};
 use super::mapper::{Mapper, reach};
 use super::robot::{Axis, Bus, Channel, Fault, Rest, Robot, RobotError, Source, Violation};
 use crate::hash::Stream;
@@ -449,4 +449,13 @@ fn any_orders_at_any_time_keep_the_limits() {
         }
         assert_eq!(control.status().ticks, player.status().ticks);
     }
+}
+
+#[test]
+fn the_bytes_of_a_line_are_as_promised() {
+    assert_eq!(line_bytes(1, 1), size_of::<Line<1, 4>>());
+    assert_eq!(line_bytes(3, 2), size_of::<Line<3, 5>>());
+    assert_eq!(line_bytes(8, 196), size_of::<Line<8, 199>>());
+    assert_eq!(line_bytes(12, 196), size_of::<Line<12, 199>>());
+    assert_eq!(line_bytes(31, 100), size_of::<Line<31, 103>>());
 }

@@ -1,0 +1,233 @@
+//! What commands share that make a motion with the runtime: the options, and the motion.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use clap::{Args, ValueEnum};
+use motionette::perception::prompt::{Prompt, PromptError};
+use motionette::perception::text::{UNKNOWN, Words};
+use motionette::planning::{Length, Planning, Sampling, Schedule};
+use motionette::refining::Report;
+use motionette::{Anchor, Generator, Model, Request};
+
+use super::say;
+use crate::anchors_file;
+use crate::blob_file::BlobFile;
+use crate::motion::Pose;
+
+/// The motion that is asked for. Commands say which of these they need.
+#[derive(Debug, Args)]
+pub(super) struct Making {
+    /// The blob.
+    #[arg(long, value_name = "FILE")]
+    blob: Option<PathBuf>,
+    /// What the motion is to be.
+    #[arg(long, requires = "blob")]
+    pub text: Option<String>,
+    /// Name of a prompt that the blob stores, instead of a text.
+    #[arg(long, value_name = "NAME", requires = "blob")]
+    pub prompt: Option<String>,
+    /// How long it is to be, at least; else as long as the text suggests.
+    #[arg(long)]
+    seconds: Option<f64>,
+    /// Seed of everything that is drawn.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Steps of the sampler.
+    #[arg(long, default_value_t = Planning::DEFAULT.steps)]
+    pub steps: u16,
+    /// Times of the steps.
+    #[arg(long, value_enum, default_value_t = Times::Uniform)]
+    schedule: Times,
+    /// How strongly the text guides; 1 is off and halves the work.
+    #[arg(long, default_value_t = Planning::DEFAULT.guidance)]
+    pub guidance: f32,
+    /// How proposals are drawn.
+    #[arg(long, value_enum, default_value_t = Draw::Sample)]
+    sampling: Draw,
+    /// Above 1 more variety, below 1 less.
+    #[arg(long, default_value_t = 1.0)]
+    temperature: f32,
+    /// Only so many of the most probable tokens; 0 = all.
+    #[arg(long, default_value_t = 0)]
+    top_k: u16,
+    /// Only the most probable tokens with this share of the whole; 1 = all.
+    #[arg(long, default_value_t = 1.0)]
+    top_p: f32,
+    /// Where it must pass (docs/anchors.md).
+    #[arg(long, value_name = "FILE")]
+    anchors: Option<PathBuf>,
+    /// Plan as if there were no anchors and only bend the motion onto them.
+    #[arg(long, requires = "anchors")]
+    unconditioned: bool,
+}
+
+/// A motion, and how it came about.
+pub(super) struct Made {
+    /// Joint positions, metres.
+    pub frames: Vec<Pose>,
+    /// Frames a second.
+    pub frame_rate: u16,
+    /// What it was to pass through.
+    pub anchors: Vec<Anchor>,
+    /// What was decoded.
+    pub tokens: Vec<u16>,
+    /// Words of the prompt, and how many of them the model does not know.
+    pub words: [usize; 2],
+    /// These.
+    pub unknown: Vec<String>,
+    /// How many anchors the planner did not see, and why; `None` when it saw all of them.
+    pub unconditioned: Option<(u16, String)>,
+    /// What the refinement did.
+    pub refinement: Option<Report>,
+    /// Multiply-accumulates at most, of planning and of all.
+    pub macs: [u64; 2],
+    /// Bytes.
+    pub arena_used: usize,
+    /// The motion's own.
+    pub hash: u64,
+}
+
+/// Schedules by name.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Times {
+    /// Steps of equal length.
+    Uniform,
+    /// Short steps first.
+    Cosine,
+}
+
+/// Ways of sampling by name.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Draw {
+    /// The most probable token.
+    Greedy,
+    /// One draw from the distribution, cut by --top-k and --top-p.
+    Sample,
+    /// The most probable token behind Gumbel noise.
+    Gumbel,
+}
+
+impl Making {
+    /// Makes the motion; says what it could not take into account.
+    pub fn make(&self) -> Result<Made> {
+        let blob = BlobFile::open(self.blob.as_deref().context("a motion from text needs a model: give --blob")?)?;
+        let model = blob.model()?;
+        let length = self.length(&model)?;
+        let anchors = self.anchors()?;
+        if let Length::Frames(frames) = length {
+            let frames = usize::from(frames).next_multiple_of(model.frames_per_token());
+            anchors_file::check(&anchors, frames).context("checking the anchors")?;
+        }
+        let request = self.request(length, &anchors);
+
+        // An arena of exactly the size that the request takes.
+        let plan = Generator::new(blob.model()?, &mut [])
+            .and_then(|generator| generator.plan(&request))
+            .map_err(|error| self.refused(&model, error))?;
+        let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(16)];
+        let mut generator = Generator::new(blob.model()?, bytemuck::cast_slice_mut(&mut arena))?;
+        let motion = generator.generate(&request, &mut ()).map_err(|error| self.refused(&model, error))?;
+        let unknown = self.unknown_words(&model);
+        if !unknown.is_empty() {
+            say(&format!("note: words the vocabulary does not have: {}", unknown.join(", ")));
+        }
+        let unconditioned = self.unconditioned(&blob, motion.unconditioned_anchors())?;
+        if let Some((count, why)) = &unconditioned {
+            say(&format!("note: the planner did not see {count} of the anchors: {why}"));
+        }
+        Ok(Made {
+            frames: motion.frames().to_vec(),
+            frame_rate: motion.frame_rate(),
+            tokens: motion.tokens().to_vec(),
+            words: [motion.words(), motion.unknown_words()].map(usize::from),
+            refinement: motion.refinement,
+            macs: [plan.planning_macs, plan.macs],
+            arena_used: motion.arena_used,
+            hash: motion.hash(),
+            unknown,
+            unconditioned,
+            anchors,
+        })
+    }
+
+    /// The anchors that the motion is to pass through.
+    pub fn anchors(&self) -> Result<Vec<Anchor>> {
+        let anchors = self.anchors.as_deref().map(anchors_file::read).transpose().context("reading the anchors")?;
+        Ok(anchors.unwrap_or_default())
+    }
+
+    fn length(&self, model: &Model<'_>) -> Result<Length> {
+        let Some(seconds) = self.seconds else { return Ok(Length::Predicted) };
+        let rate = f64::from(model.frame_rate());
+        let longest = (model.max_tokens() * model.frames_per_token()) as f64 / rate;
+        // A hair of room for seconds that are no binary fraction.
+        let frames = (seconds * rate - 1e-6).ceil();
+        ensure!(
+            seconds.is_finite() && frames >= 1.0 && seconds <= longest + 1e-6,
+            "a motion of {seconds} s cannot be made, this model makes up to {longest} s; give --seconds in between"
+        );
+        Ok(Length::Frames(frames as u16))
+    }
+
+    fn request<'r>(&'r self, length: Length, anchors: &'r [Anchor]) -> Request<'r> {
+        let schedule = match self.schedule {
+            Times::Uniform => Schedule::Uniform,
+            Times::Cosine => Schedule::Cosine,
+        };
+        let (temperature, top_k, top_p) = (self.temperature, self.top_k, self.top_p);
+        let sampling = match self.sampling {
+            Draw::Greedy => Sampling::Greedy,
+            Draw::Sample => Sampling::Sample { temperature, top_k, top_p },
+            Draw::Gumbel => Sampling::Gumbel { temperature },
+        };
+        let (seed, steps, guidance) = (self.seed, self.steps, self.guidance);
+        let planning = Planning { length, seed, steps, schedule, guidance, sampling, ..Planning::DEFAULT };
+        let prompt = match (&self.text, &self.prompt) {
+            (None, Some(name)) => Prompt::Bank(name),
+            (text, _) => Prompt::Text(text.as_deref().unwrap_or_default()),
+        };
+        let request = Request::prompt(prompt).planned(planning);
+        let request = if self.unconditioned { request.unconditioned() } else { request };
+        if anchors.is_empty() { request } else { request.through(anchors) }
+    }
+
+    /// How many anchors the planner did not see, and why; `None` when it saw all of them.
+    fn unconditioned(&self, blob: &BlobFile, count: u16) -> Result<Option<(u16, String)>> {
+        if count == 0 {
+            return Ok(None);
+        }
+        let why = if self.unconditioned { "--unconditioned".to_owned() } else { blob.unconditioned_because()? };
+        Ok(Some((count, why)))
+    }
+
+    /// A refusal with what could be asked for instead.
+    fn refused(&self, model: &Model<'_>, error: motionette::Error) -> anyhow::Error {
+        let stored: Vec<&str> = model.text().map(|t| t.bank().names().collect()).unwrap_or_default();
+        let instead = match error {
+            motionette::Error::Prompt(PromptError::NoEncoder { .. }) if !stored.is_empty() => {
+                format!("; give --prompt with one of {}", stored.join(", "))
+            }
+            motionette::Error::Prompt(PromptError::NotStored { .. }) if !stored.is_empty() => {
+                format!("; it stores {}", stored.join(", "))
+            }
+            motionette::Error::Prompt(PromptError::OnlyUnknownWords { .. }) => {
+                "; `motionette inspect --vocabulary` lists the words it knows".to_owned()
+            }
+            motionette::Error::Planning(motionette::planning::PlanningError::NoPlanner) => {
+                "; convert it with --prior".to_owned()
+            }
+            _ => String::new(),
+        };
+        anyhow::Error::new(error).context(format!("the runtime refuses the request{instead}"))
+    }
+
+    /// The words of the text that the model does not know.
+    fn unknown_words(&self, model: &Model<'_>) -> Vec<String> {
+        let (Some(text), Some(encoder)) = (&self.text, model.text().and_then(|t| t.encoder())) else {
+            return Vec::new();
+        };
+        let unknown = Words::new(text).filter(|word| encoder.vocabulary().id(word) == UNKNOWN);
+        unknown.map(|word| word.as_str().to_owned()).collect()
+    }
+}
