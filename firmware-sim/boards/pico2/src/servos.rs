@@ -47,7 +47,7 @@ pub fn start(player: Player<'static, CHANNELS>, chip: Pca9685<Bus>) {
     unsafe { alarm.enable() };
 }
 
-#[interrupt]
+#[embassy_rp::interrupt]
 fn TIMER0_IRQ_1() {
     pac::TIMER0.intr().write(|w| w.set_alarm(ALARM, true));
     critical_section::with(|cs| {
