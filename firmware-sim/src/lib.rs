@@ -7,7 +7,8 @@
 //! | [`source`] | what a request is made from: a prompt, the bundle or the user's BVH file |
 //! | [`session`] | one request through the runtime, watched: timings, memory, control-error curve |
 //! | [`intervals`] | the intervals between anchors and their activity |
-//! | [`robot`] | the virtual robot: a clock, and a loop that consumes motion frames by their deadlines |
+//! | [`robot`] | the simulated robot: buses, chips, servos, faults, in virtual time |
+//! | [`serve`] | the simulated robot behind a TCP port, with the device link of a board |
 //! | [`report`] | the figures of a run, as text, markdown and JSON |
 //! | [`viewer`] | the self-contained HTML page |
 //! | [`standard`] | the standard request of the budgets, counted on the desktop and on emulated cores |
@@ -18,6 +19,7 @@ pub mod demo;
 pub mod intervals;
 pub mod report;
 pub mod robot;
+pub mod serve;
 pub mod session;
 pub mod source;
 pub mod standard;

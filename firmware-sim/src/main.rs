@@ -1,7 +1,7 @@
 //! `motionette-sim`: the virtual robot. Without a subcommand it runs the demo.
 
 use clap::{Parser, Subcommand};
-use motionette_sim::{bundle, demo};
+use motionette_sim::{bundle, demo, serve};
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -19,6 +19,8 @@ struct Cli {
 enum Command {
     /// Text and anchors, or real motion, through the runtime, checked, shown (the default).
     Demo(Box<demo::Cmd>),
+    /// Serve the device link of a simulated robot over TCP.
+    Serve(serve::Cmd),
     /// Make the bundled token sequences anew from a dataset and a checkpoint.
     Bundle(bundle::Cmd),
 }
@@ -27,6 +29,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
         Some(Command::Demo(cmd)) => cmd.run(),
+        Some(Command::Serve(cmd)) => cmd.run(),
         Some(Command::Bundle(cmd)) => cmd.run(),
         None => cli.demo.run(),
     };

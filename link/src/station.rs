@@ -229,8 +229,12 @@ impl<'a, S> Station<'a, S> {
     }
 
     /// For the thread: the motion is in the line, or will never be.
-    pub const fn played(&mut self) {
+    pub fn played(&mut self) {
         self.playing = false;
+        if self.waiting.is_some() {
+            // Its memory is the next one's.
+            self.ready = None;
+        }
     }
 
     /// How many frames wait in the line.
@@ -295,12 +299,10 @@ impl<S: Storage> Device for Station<'_, S> {
         if self.model.is_none() {
             return Err(Refusal::NoModel);
         }
-        if self.playing {
-            // The motion is still being copied out of the memory that the next one needs.
-            return Err(Refusal::Moving);
-        }
         self.vitals.abort.store(false, Ordering::Release);
-        self.ready = None;
+        if !self.playing {
+            self.ready = None;
+        }
         self.work = Some(Work { job, stage: Stage::Waiting, step: 0, steps: 0 });
         self.waiting = Some(match work {
             Job::Generate(request) => {

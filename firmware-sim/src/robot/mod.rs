@@ -7,6 +7,7 @@
 //! | [`hardware`] | chips, and motors with slew and load |
 //! | [`wires`] | buses as the drivers see them, and the middleware that spoils them |
 //! | [`faults`] | what goes wrong, and when |
+//! | [`flash`] | NOR flash with the two slots for blobs |
 //! | [`firmware`] | its start: blob, self-test, motions |
 //! | [`simulation`] | a run: ticks, events, and what an oscilloscope would find |
 //! | [`stage`], [`report`] | the main job's last stage, its figures, and what the viewer shows |
@@ -14,6 +15,7 @@
 pub mod clock;
 pub mod faults;
 pub mod firmware;
+pub mod flash;
 pub mod hardware;
 pub mod pca9685;
 pub mod report;

@@ -18,8 +18,9 @@ use super::wires::{Faulty, I2cWire, Pin, SerialWire};
 use motionette::playback::body::Pose;
 
 /// Servo channels and frames that the simulated firmware has room for.
-const CHANNELS: usize = 32;
-const FRAMES: usize = 256;
+pub const CHANNELS: usize = 32;
+/// See [`CHANNELS`].
+pub const FRAMES: usize = 256;
 /// Part of a tick that its attempts may take; one more may follow.
 const BUDGET: f64 = 0.6;
 /// Microseconds after a motion's end before the run ends.
@@ -129,7 +130,7 @@ pub struct Run {
 type Chip = Pca9685<Faulty<I2cWire>>;
 
 /// All outputs of a robot.
-struct Wiring {
+pub struct Wiring {
     chips: Vec<Chip>,
     serial: Sts3215<Faulty<SerialWire>>,
     pins: Pwm<Pin, CHANNELS>,
@@ -137,7 +138,7 @@ struct Wiring {
 
 /// Something on a bus failed; the firmware would print what.
 #[derive(Debug, Clone, Copy)]
-struct BusFailed;
+pub struct BusFailed;
 
 impl Output for Wiring {
     type Error = BusFailed;
@@ -265,7 +266,13 @@ pub fn run(scenario: &Scenario<'_>) -> Run {
     out
 }
 
-fn wiring(robot: &Robot, hardware: &Rc<RefCell<Hardware>>, injector: &Rc<RefCell<Injector>>, clock: &Clock) -> Wiring {
+/// The robot's outputs on simulated wires.
+pub fn wiring(
+    robot: &Robot,
+    hardware: &Rc<RefCell<Hardware>>,
+    injector: &Rc<RefCell<Injector>>,
+    clock: &Clock,
+) -> Wiring {
     let faulty = |wire| Faulty::new(wire, injector.clone(), clock.clone());
     let addresses: Vec<u8> = hardware.borrow().chips.keys().copied().collect();
     let i2c = || I2cWire { hardware: hardware.clone(), clock: clock.clone() };

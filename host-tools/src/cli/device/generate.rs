@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use motionette::planning::Planning;
-use motionette::refining::Config;
 use motionette_link::message::{Generate, Hello, Length, Status};
 use serde_json::{Value, json};
 
@@ -20,20 +19,20 @@ pub(super) struct Cmd {
     /// What the motion is to be.
     #[arg(long)]
     text: String,
-    /// How long it is to be, at least; else as long as the text suggests.
+    /// How long it is to be, at least; else what the device prefers, or what the text suggests.
     #[arg(long)]
     seconds: Option<f64>,
     /// Seed of everything that is drawn.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Steps of the sampler.
-    #[arg(long, default_value_t = Planning::DEFAULT.steps)]
+    /// Steps of the sampler; 0 leaves it to the device.
+    #[arg(long, default_value_t = 0)]
     steps: u16,
     /// How strongly the text guides; 1 is off and halves the work.
     #[arg(long, default_value_t = Planning::DEFAULT.guidance)]
     guidance: f32,
-    /// Decoder evaluations of the refinement.
-    #[arg(long, default_value_t = Config::default().evaluations)]
+    /// Decoder evaluations of the refinement; 0 leaves it to the device.
+    #[arg(long, default_value_t = 0)]
     evaluations: u16,
     /// Where it must pass (docs/anchors.md).
     #[arg(long, value_name = "FILE")]

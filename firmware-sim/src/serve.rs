@@ -1,0 +1,276 @@
+//! The simulated robot behind a TCP port: the device link as on a board, so that hosts can be tried without hardware.
+//!
+//! The same code runs as on the Pico 2, in the same three places: servo ticks (here a thread in real time, on simulated buses and
+//! servos), the link, and the thread that makes motions.
+
+use std::cell::RefCell;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use motionette::Model;
+use motionette::playback::output::Runner;
+use motionette::playback::{Ends, Feeder, Line, Player, Robot};
+use motionette_host::convert::AlignedBlob;
+use motionette_host::robot_file;
+use motionette_link::message::LossAction;
+use motionette_link::server::Silence;
+use motionette_link::thread::{self, Desk, Note};
+use motionette_link::{Preset, Server, Station, Store, Task, Vitals};
+
+use crate::bundle;
+use crate::robot::clock::Clock;
+use crate::robot::faults::Injector;
+use crate::robot::flash::Flash;
+use crate::robot::hardware::Hardware;
+use crate::robot::simulation::{CHANNELS, FRAMES, wiring};
+
+/// Milliseconds without a word from the host after which it counts as gone.
+const SILENCE: u32 = 5_000;
+/// Bytes of the arena: 49 tokens, text with guidance, 32 anchors.
+const ARENA: usize = 400 * 1024;
+
+/// Serve the device link of a simulated robot over TCP; `motionette device --port tcp:127.0.0.1:PORT` talks to it.
+///
+/// Example: motionette-sim serve --port 7878
+#[derive(Debug, Args)]
+pub struct Cmd {
+    /// TCP port on this machine; 0 takes a free one, which is said on the first line.
+    #[arg(long, default_value_t = 7878)]
+    port: u16,
+    /// The robot: a preset or a robot.toml.
+    #[arg(long, default_value = "upper-body", value_name = "NAME|FILE")]
+    robot: String,
+    /// A file that keeps the flash with its two slots; without one, it is new each time and holds the built-in model.
+    #[arg(long, value_name = "FILE")]
+    flash: Option<PathBuf>,
+    /// Begin with empty slots instead of the built-in model.
+    #[arg(long)]
+    empty: bool,
+    /// Leave to requests what a Pico 2 would make of them: shorter motions, fewer steps.
+    #[arg(long)]
+    pico2: bool,
+}
+
+impl Cmd {
+    /// Serves until the process is ended.
+    ///
+    /// # Errors
+    /// A robot that is refused, a flash file that cannot be read, a port that is taken.
+    pub fn run(self) -> Result<()> {
+        let robot = robot_file::load(&self.robot).context("reading the robot")?;
+        let mut flash = match &self.flash {
+            Some(path) => Flash::kept_in(path).with_context(|| format!("cannot read {}", path.display()))?,
+            None => Flash::default(),
+        };
+        if !self.empty && Store::open(&flash).active().is_none() {
+            install(&mut flash, bundle::BLOB)?;
+        }
+        let preset = if self.pico2 { Preset::PICO2 } else { Preset::DESKTOP };
+        let listener = TcpListener::bind(("127.0.0.1", self.port))
+            .with_context(|| format!("port {} is taken or not allowed: give another --port", self.port))?;
+        let port = listener.local_addr()?.port();
+        let mut out = std::io::stdout();
+        writeln!(out, "{}: motionette device --port tcp:127.0.0.1:{port} status", robot.name)?;
+        out.flush()?;
+        serve(robot, preset, flash, &listener)
+    }
+}
+
+/// Puts `blob` into a slot, as a transfer would.
+fn install(flash: &mut Flash, blob: &[u8]) -> Result<()> {
+    let mut store = Store::open(flash);
+    let crc = !motionette::blob::crc32(!0, blob);
+    let failed = |fault| anyhow::anyhow!("the built-in model cannot be put into flash: {fault:?}");
+    store.begin(flash, blob.len() as u32, crc).map_err(failed)?;
+    for (index, chunk) in blob.chunks(240).enumerate() {
+        store.write(flash, 240 * index as u32, chunk).map_err(failed)?;
+    }
+    store.commit(flash).map_err(failed)?;
+    Ok(())
+}
+
+type Shared = Arc<Mutex<Station<'static, Flash>>>;
+
+/// The desk's side of the station.
+struct Thread {
+    station: Shared,
+}
+
+impl Desk for Thread {
+    type Storage = Flash;
+
+    fn with<R>(&mut self, work: impl FnOnce(&mut Station<'_, Flash>) -> R) -> R {
+        work(&mut self.station.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    fn wait(&mut self) {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+
+    fn note(&mut self, note: Note) {
+        say(&match note {
+            Note::Proved { tested: true } => "self-test passed".to_owned(),
+            Note::Proved { tested: false } => "the blob carries no self-test".to_owned(),
+            Note::Unproved => "self-test failed: the robot does not move".to_owned(),
+            Note::Made { frames } => format!("{frames} frames made"),
+            Note::Failed(why) => format!("failed: {why}"),
+            Note::DoesNotFit(full) => format!("the motion cannot be played: {full}"),
+        });
+    }
+}
+
+/// A line of the log. Nobody may listen.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Serves one host after the other.
+///
+/// # Errors
+/// When the listener fails, or the runtime does.
+fn serve(robot: Robot, preset: Preset, flash: Flash, listener: &TcpListener) -> Result<()> {
+    // They live as long as the process, as in firmware.
+    let robot: &'static Robot = Box::leak(Box::new(robot));
+    let line: &'static mut Line<CHANNELS, FRAMES> = Box::leak(Box::default());
+    let vitals: &'static Vitals = Box::leak(Box::default());
+    let Ends { mut feeder, player, control } = line.split(robot)?;
+    let store = Store::open(&flash);
+    let station = Station::new(&robot.name, preset, control, vitals, Some(flash));
+    let station: Shared = Arc::new(Mutex::new(station));
+
+    let running = AtomicBool::new(true);
+    std::thread::scope(|scope| -> Result<()> {
+        scope.spawn(|| tick(robot, player, vitals, &running));
+        let link = Arc::clone(&station);
+        let talking = scope.spawn(|| talk(listener, link, store, robot, &running));
+        let thought = think(&mut feeder, &station, &running);
+        running.store(false, Ordering::Release);
+        let talked = talking.join();
+        thought?;
+        match talked {
+            Ok(result) => result,
+            Err(_) => bail!("the link has failed"),
+        }
+    })
+}
+
+/// Servo ticks in real time.
+fn tick(robot: &'static Robot, player: Player<'static, CHANNELS>, vitals: &Vitals, running: &AtomicBool) {
+    let clock = Clock::default();
+    let hardware = Rc::new(RefCell::new(Hardware::new(robot, 1)));
+    let injector = Rc::new(RefCell::new(Injector::new(&[], 1)));
+    let mut runner = Runner::new(player, wiring(robot, &hardware, &injector, &clock));
+    let period = 1_000_000 / u64::from(robot.tick_rate);
+    let started = Instant::now();
+    let mut missed = 0;
+    for tick in 0u64.. {
+        if !running.load(Ordering::Acquire) {
+            return;
+        }
+        let due = Duration::from_micros(tick * period);
+        if let Some(wait) = due.checked_sub(started.elapsed()) {
+            std::thread::sleep(wait);
+        }
+        // The simulated bus takes virtual time; the desk's own delays are not the robot's.
+        missed += u32::from(clock.now() > tick * period);
+        clock.pass_until(tick * period);
+        runner.tick(&mut || clock.now() as u32, (period / 2) as u32);
+        hardware.borrow_mut().advance((tick + 1) * period);
+        vitals.tick(missed, runner.bus());
+    }
+}
+
+/// One host after the other.
+fn talk(listener: &TcpListener, station: Shared, store: Store, robot: &Robot, running: &AtomicBool) -> Result<()> {
+    let action = if robot.finish_without_host { LossAction::Finish } else { LossAction::Hold };
+    let mut server = Server::new(store, Silence { after_ms: SILENCE, action });
+    let started = Instant::now();
+    let mut host: Option<TcpStream> = None;
+    listener.set_nonblocking(true)?;
+    let (mut bytes, mut out) = ([0; 2048], Box::new(heapless::Vec::<u8, 4096>::new()));
+    let mut sequence = server.store().active().map(|blob| blob.sequence);
+    while running.load(Ordering::Acquire) {
+        // The newest host is the one that is served; the one before has lost its session anyway.
+        match listener.accept() {
+            Ok((stream, _)) => {
+                stream.set_nodelay(true)?;
+                stream.set_read_timeout(Some(Duration::from_millis(5)))?;
+                host = Some(stream);
+            }
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+            Err(error) => return Err(error).context("accepting a host"),
+        }
+        let count = match host.as_mut().map(|stream| stream.read(&mut bytes)) {
+            Some(Ok(0)) => {
+                host = None;
+                0
+            }
+            Some(Ok(count)) => count,
+            Some(Err(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => 0,
+            Some(Err(_)) => {
+                host = None;
+                0
+            }
+            None => {
+                std::thread::sleep(Duration::from_millis(5));
+                0
+            }
+        };
+        let now = started.elapsed().as_millis() as u64;
+        let mut station = station.lock().unwrap_or_else(PoisonError::into_inner);
+        server.receive(now, &bytes[..count], &mut *station, &mut *out);
+        server.poll(now, &mut *station, &mut *out);
+        let active = server.store().active().map(|blob| blob.sequence);
+        if active != sequence {
+            sequence = active;
+            if let Some(flash) = station.flash() {
+                flash.keep()?;
+            }
+        }
+        drop(station);
+        if !out.is_empty() {
+            if let Some(stream) = &mut host
+                && stream.write_all(&out).is_err()
+            {
+                host = None;
+            }
+            out.clear();
+        }
+    }
+    Ok(())
+}
+
+/// Makes motions with whichever blob is the newest.
+fn think(feeder: &mut Feeder<'static, CHANNELS>, station: &Shared, running: &AtomicBool) -> Result<()> {
+    let mut desk = Thread { station: Arc::clone(station) };
+    let mut arena = vec![0u128; ARENA / 16];
+    while running.load(Ordering::Acquire) {
+        let blob = desk.with(|station| {
+            let flash = station.flash()?;
+            let bytes = Store::open(flash).bytes(flash)?.to_vec();
+            Some(AlignedBlob::new(&bytes))
+        });
+        match blob.as_ref().map(|blob| Model::open(blob.bytes())) {
+            Some(Ok(model)) => {
+                thread::run(&model, bytemuck::cast_slice_mut(&mut arena), feeder, &mut desk)?;
+                continue;
+            }
+            Some(Err(error)) => say(&format!("the blob is refused: {error}")),
+            None => say("no slot holds a blob: send one with `motionette device send-blob`"),
+        }
+        while !desk.with(|station| matches!(station.task(), Some(Task::Reopen))) {
+            desk.wait();
+            if !running.load(Ordering::Acquire) {
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
+}
