@@ -19,6 +19,9 @@ pub type Angles = Vec<f32, MAX_CHANNELS>;
 
 /// How much a segment's twist counts against where its bone points.
 const TWIST: f32 = 0.3;
+/// How much an axis keeps to its angle of the frame before: little against a limb that points across it, much against one that points
+/// nearly along it, where small movements would ask for large turns.
+const INERTIA: f32 = 0.05;
 /// Rounds over a joint's axes from the angles of the frame before.
 const ROUNDS: usize = 8;
 /// Rounds of the first frame.
@@ -40,6 +43,8 @@ struct Turn {
     axis: Vector,
     range: [f32; 2],
     angle: f32,
+    /// What keeps it at the angle of the frame before: sine and cosine of that, scaled.
+    inertia: (f32, f32),
 }
 
 impl Mapper {
@@ -104,7 +109,15 @@ impl Mapper {
             if let Source::Joint(number, axis) = servo.source
                 && usize::from(number) == joint.index()
             {
-                let turn = Turn { channel, axis: axis.vector(), range: servo.source_range(), angle: *state };
+                let (sin, cos) = crate::angle::sin_cos(*state);
+                let inertia = if self.fresh { 0.0 } else { INERTIA };
+                let turn = Turn {
+                    channel,
+                    axis: axis.vector(),
+                    range: servo.source_range(),
+                    angle: *state,
+                    inertia: (inertia * sin, inertia * cos),
+                };
                 // A joint has no more than three different axes.
                 let _ = turns.push(turn);
             }
@@ -164,7 +177,7 @@ fn search(turns: &mut [Turn], segment: &Segment, target: Rotation, rounds: usize
             let (before, behind) = (product(turns, 0..chosen), product(turns, chosen + 1..turns.len()));
             let Some(turn) = turns.get_mut(chosen) else { continue };
             // w . R(a, theta) v = sin(theta) (a . v x w) + cos(theta) (v . w - (a . v)(a . w)) + a constant.
-            let (mut sine, mut cosine) = (0.0, 0.0);
+            let (mut sine, mut cosine) = turn.inertia;
             for (rest, seen) in [Some(along), aside].into_iter().flatten() {
                 let (v, w, a) = (behind.apply(rest), before.inverse().apply(seen), turn.axis);
                 sine += dot(a, cross(v, w));

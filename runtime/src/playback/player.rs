@@ -16,6 +16,9 @@ use core::sync::atomic::Ordering;
 /// Items that a tick throws away at most when a motion is cut off.
 const THROWN_AWAY: usize = 32;
 
+/// How far from where the motion wants it a servo counts as held back by its limits: a tenth of a degree.
+const BEHIND: Angle = (UNITS as Angle) / 10;
+
 /// Four frames round the present time, hundredths of a degree, and where the motion stands between the middle two.
 #[derive(Debug, Clone, Copy)]
 struct Reel<const C: usize> {
@@ -339,7 +342,9 @@ impl<'a, const C: usize> Player<'a, C> {
         for (channel, (servo, from)) in self.servos.iter_mut().zip(&self.from).enumerate() {
             let from = super::limiter::degrees(*from);
             let target = from + fade * (reel.at(channel, t) - from);
-            behind |= !servo.follow(units(target));
+            let target = units(target);
+            servo.follow(target);
+            behind |= target.saturating_sub(servo.at()).saturating_abs() > BEHIND;
         }
         self.frame = Some(reel.index as f32 + t);
         self.status.limited = self.status.limited.wrapping_add(u32::from(behind));
