@@ -146,12 +146,15 @@ fn malformed_four_bit_weights_are_refused() {
         table
     };
     let open = |table: &Table, inputs| table.read(|tensors| Linear::open(tensors, inputs, 3).map(|l| l.bound(1.0)));
-    let shape = |found, expected| Err(Error::TensorShape { index: 0, found, expected });
+    let shape = |found, expected| Error::TensorShape { index: 0, found, expected };
     let whole = with([1, 3, 32]);
     assert_eq!(open(&whole, 32), Ok(7.0));
-    assert_eq!(open(&with([1, 3, 24]), 24), shape(72, 96));
-    assert_eq!(open(&whole, 48), shape(96, 144));
-    assert_eq!(whole.read(|tensors| tensors.take().and_then(|t| t.bytes([1, 3, 32]).map(<[i8]>::len))), shape(96, 96));
+    assert_eq!(open(&with([1, 3, 24]), 24), Err(shape(72, 96)));
+    assert_eq!(open(&whole, 48), Err(shape(96, 144)));
+    assert_eq!(
+        whole.read(|tensors| tensors.take().and_then(|t| t.bytes([1, 3, 32]).map(<[i8]>::len))),
+        Err(shape(96, 96))
+    );
     let mut short = whole;
     short.weights.truncate(40);
     assert_eq!(open(&short, 32), Err(Error::TensorRange { index: 0 }));
