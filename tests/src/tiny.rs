@@ -540,7 +540,7 @@ pub fn assemble(manifest: &Manifest<'_>, entries: &[Entry], weights: &[u8]) -> V
     let weights_offset = (32 + text.len()).next_multiple_of(16);
     let mut header = Header {
         major: MAJOR,
-        minor: MINOR,
+        minor: if entries.iter().any(|(_, dtype, ..)| *dtype == DType::I4) { MINOR } else { 0 },
         total_len: (weights_offset + weights.len()) as u32,
         manifest_len: text.len() as u32,
         weights_offset: weights_offset as u32,
