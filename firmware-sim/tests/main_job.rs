@@ -142,7 +142,7 @@ fn convert_without_control(to: &Path) {
     let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models");
     let tokenizer = checkpoint::load(&models.join("nano.safetensors")).expect("a tokenizer");
     let planner = prior::load(&models.join("nano.prior.safetensors")).expect("a prior");
-    let source = PriorSource { checkpoint: &planner, bank: &[], text_encoder: true, control: None };
+    let source = PriorSource { checkpoint: &planner, bank: &[], text_encoder: true, control: None, cases: &[] };
     let options = Options { rounding: Rounding::Nearest, refit: false, bias_correction: false, ..Options::default() };
     let card = CardText::default();
     let made = convert::convert_with_prior(&tokenizer, Some(source), &options, &[], &card, |_| ()).expect("a blob");

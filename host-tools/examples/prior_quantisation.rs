@@ -6,7 +6,8 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use motionette_host::checkpoint::{self, PriorCheckpoint, prior};
-use motionette_host::convert::prior::{dequantised, quantise};
+use motionette_host::convert::prior::{Inputs, dequantised, inputs, quantise};
+use motionette_host::convert::{Options, Rounding, calibration};
 use motionette_host::dataset::{Dataset, Split};
 use motionette_host::reference::Prior;
 use motionette_host::reference::tmd::Settings;
@@ -31,10 +32,23 @@ fn main() -> Result<()> {
     let tokenizer = checkpoint::load(Path::new(tokenizer))?;
     let weights = prior::load(Path::new(weights))?;
     let exact = Prior::<f32>::new(&weights, &tokenizer);
-    let cases = planner::cases(&tokenizer, &exact, &Dataset::load(dataset)?, Split::Test, CLIPS, false)?;
+    let dataset = Dataset::load(dataset)?;
+    let cases = planner::cases(&tokenizer, &exact, &dataset, Split::Test, CLIPS, false)?;
     let prior = |weights: &PriorCheckpoint| Prior::<f32>::new(weights, &tokenizer);
-    let rounded = dequantised(&weights, &quantise(&weights, None));
+    let rounded = dequantised(&weights, &quantise(&weights, None, &Options::PLAIN, &Inputs::new()));
     report("int8, to nearest", &cases, &exact, &prior(&rounded))?;
+    let train = planner::cases(&tokenizer, &exact, &dataset, Split::Train, calibration::CASES, false)?;
+    let seen = inputs(&weights, &tokenizer, &train);
+    for (name, rounding, bias_correction) in [
+        ("planner 4-bit, to nearest", Rounding::Nearest, false),
+        ("planner 4-bit, scales of least cost", Rounding::Clipped, false),
+        ("planner 4-bit, error feedback", Rounding::Feedback, false),
+        ("planner 4-bit, error feedback + bias correction", Rounding::Feedback, true),
+    ] {
+        let options = Options { rounding, bias_correction, ..Options { planner_bits: 4, ..Options::default() } };
+        let rounded = dequantised(&weights, &quantise(&weights, None, &options, &seen));
+        report(name, &cases, &exact, &prior(&rounded))?;
+    }
     // Each kind of tensor rounded alone.
     for kind in [
         "text.",

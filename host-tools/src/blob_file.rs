@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use motionette::Model;
 use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensors};
+use motionette::kernels::unpacked;
 
 use crate::checkpoint::prior::PartMut;
 use crate::checkpoint::{self, ControlCheckpoint, PriorCheckpoint};
@@ -245,7 +246,7 @@ fn layers(table: &[TableEntry]) -> Vec<QuantisedConv1d> {
     while let Some(entry) = rest.next() {
         let (wide, narrow) = match entry.dtype {
             DType::I16Planes => (Some(entry), rest.next_if(|e| e.dtype == DType::I8)),
-            DType::I8 => (None, Some(entry)),
+            DType::I8 | DType::I4 => (None, Some(entry)),
             DType::F16 | DType::F32 => continue,
         };
         let mut floats = |ending| {
@@ -286,6 +287,7 @@ fn layer(
         inputs,
         kernel,
         wide: wide_rows,
+        bits: if narrow.is_some_and(|e| e.dtype == DType::I4) { 4 } else { 8 },
         values,
         scales,
         bias,
@@ -301,6 +303,10 @@ fn entry(tensor: &Tensor<'_>) -> Result<TableEntry, blob::Error> {
             bits.iter().map(|&b| half::f16::from_bits(b).to_f64()).collect()
         }
         DType::I8 => tensor.bytes(e.shape)?.iter().map(|&v| f64::from(v)).collect(),
+        DType::I4 => {
+            let groups = tensor.nibbles(e.shape)?.as_chunks().0;
+            groups.iter().flat_map(unpacked).map(f64::from).collect()
+        }
         DType::I16Planes => {
             let (high, low) = tensor.planes(e.shape)?;
             high.iter().zip(low).map(|(&h, &l)| 256.0 * f64::from(h) + f64::from(l)).collect()
@@ -311,7 +317,7 @@ fn entry(tensor: &Tensor<'_>) -> Result<TableEntry, blob::Error> {
         dtype: e.dtype,
         shape: e.shape.map(usize::from),
         offset: e.offset as usize,
-        bytes: e.elements() as usize * e.dtype.bytes(),
+        bytes: e.bytes() as usize,
         values,
     })
 }

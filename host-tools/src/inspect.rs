@@ -108,6 +108,8 @@ pub struct LayerInfo {
     pub kernel: usize,
     /// Output channels in int16.
     pub wide: usize,
+    /// Bits of the others, 8 or 4.
+    pub bits: u8,
     /// Smallest scale.
     pub scale_min: f32,
     /// Largest scale.
@@ -305,6 +307,7 @@ fn info(layer: &QuantisedConv1d, rows: usize, original: Option<&Conv1d>) -> Laye
         inputs: layer.inputs,
         kernel: layer.kernel,
         wide: layer.wide,
+        bits: layer.bits,
         scale_min: layer.scales.iter().copied().fold(f32::INFINITY, f32::min),
         scale_max: layer.scales.iter().copied().fold(0.0, f32::max),
         rows,
@@ -318,6 +321,7 @@ fn info(layer: &QuantisedConv1d, rows: usize, original: Option<&Conv1d>) -> Laye
 #[must_use]
 pub fn dtype_name(dtype: DType) -> &'static str {
     match dtype {
+        DType::I4 => "int4",
         DType::I8 => "int8",
         DType::I16Planes => "int16",
         DType::F16 => "f16",

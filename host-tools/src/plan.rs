@@ -238,12 +238,14 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
         "stored prompts",
         "planner",
         "anchor control",
+        "planner, 4-bit weights",
     ];
-    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
     for (index, t) in blob.table()?.into_iter().enumerate() {
         let section = match t.dtype {
             _ if t.name.starts_with("text.") => 7,
             _ if t.name.starts_with("bank.") => 8,
+            DType::I4 => 11,
             _ if t.name.starts_with("planner.") => 9,
             _ if t.name.starts_with("control.") => 10,
             DType::F32 if index < 2 => 2,

@@ -81,6 +81,46 @@ fn a_blob_holds_what_the_checkpoints_hold() {
 }
 
 #[test]
+fn four_bits_are_for_the_planners_blocks_in_whole_groups() {
+    let bench = Bench::new();
+    let convert = |options: &str, blob: &str| {
+        bench.succeeds(&format!("convert t.safetensors --prior p.prior.safetensors {options} -o {blob}.blob"))
+    };
+    convert("--planner-bits 8", "eight");
+    convert("", "plain");
+    let bytes = |blob: &str| std::fs::read(bench.path(&format!("{blob}.blob"))).expect("a blob");
+    assert!(
+        bytes("eight") == bytes("plain") && bytes("plain")[6..8] == [0, 0],
+        "8 bits are the default, of version 3.0"
+    );
+    assert_eq!(convert("--planner-bits 4 --rounding nearest", "four")["planner_bits"], 4);
+    assert_eq!(bytes("four")[6..8], [1, 0]);
+    assert!(bytes("four").len() < bytes("plain").len());
+
+    let blob = BlobFile::open(&bench.path("four.blob")).expect("a blob");
+    let source = prior::load(&bench.path("p.prior.safetensors")).expect("a prior");
+    for layer in blob.prior_layers().expect("checked") {
+        // Of the widths 12, 8 and 16 only the last comes in whole groups.
+        let narrow = layer.name.starts_with("planner.layers.") && layer.name.ends_with(".ffn.out");
+        assert_eq!(layer.bits, if narrow { 4 } else { 8 }, "{}", layer.name);
+    }
+    let back = blob.dequantised_prior(&source).expect("checked");
+    for (a, b) in source.planner.layers.iter().zip(&back.planner.layers) {
+        for (a, b) in a.contract.weight.chunks(16).zip(b.contract.weight.chunks(16)) {
+            let step = a.iter().fold(0.0_f32, |m, v| m.max(v.abs())) / 7.0;
+            assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 0.501 * step));
+        }
+    }
+    let seen = bench.succeeds("inspect four.blob");
+    let layers = seen["prior"]["layers"].as_array().expect("layers");
+    assert_eq!(layers.iter().filter(|l| l["bits"] == 4).count(), 2);
+    let plan = bench.succeeds("plan four.blob");
+    let share = |name: &str| plan["flash"].as_array()?.iter().find(|s| s["name"] == name)?["amount"].as_u64();
+    assert_eq!(share("planner, 4-bit weights"), Some(2 * 12 * 16 / 2));
+    bench.misused("convert t.safetensors --prior p.prior.safetensors --planner-bits 6 -o six.blob", "error");
+}
+
+#[test]
 fn plan_counts_the_planner() {
     let bench = Bench::new();
     bench.convert();
@@ -113,9 +153,9 @@ fn plan_counts_the_planner() {
 fn generate_is_the_reference_in_integers() {
     let bench = Bench::new();
     let tokenizer = motionette_host::checkpoint::load(&bench.path("t.safetensors")).expect("a tokenizer");
-    for name in ["p", "post"] {
+    for (name, options) in [("p", ""), ("post", ""), ("p", "--planner-bits 4")] {
         bench.succeeds(&format!(
-            "convert t.safetensors --prior {name}.prior.safetensors --bank bank.txt -o {name}.blob"
+            "convert t.safetensors --prior {name}.prior.safetensors --bank bank.txt {options} -o {name}.blob"
         ));
         let source = prior::load(&bench.path(&format!("{name}.prior.safetensors"))).expect("a prior");
         let blob = BlobFile::open(&bench.path(&format!("{name}.blob"))).expect("a blob");

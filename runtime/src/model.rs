@@ -96,7 +96,7 @@ impl<'a> Model<'a> {
             planner = Some(opened);
         }
         // A newer minor version may carry more behind what this one knows.
-        if header.minor == MINOR {
+        if header.minor <= MINOR {
             tensors.finish()?;
         }
         Ok(Model {

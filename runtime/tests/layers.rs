@@ -1,6 +1,6 @@
 //! Linear, embedding, norm, activation, attention against f64 restatements, from tensors in a blob's own format.
 
-use motionette::blob::{Activation, DType, TensorEntry, Tensors};
+use motionette::blob::{Activation, DType, Error, TensorEntry, Tensors};
 use motionette::hash::Stream;
 use motionette::nn::attention::{self, Heads, Segment, SegmentMut, attend};
 use motionette::nn::conv1d::Rows;
@@ -36,6 +36,13 @@ impl Table {
         self.push(DType::I8, shape, values.iter().map(|&v| v as u8).collect());
     }
 
+    /// 4-bit weights `[outputs][inputs]`, packed as `FORMAT.md` says.
+    fn nibbles(&mut self, shape: [u16; 3], values: &[i8]) {
+        let half = |v: i8| (v + 8) as u8;
+        let pack = |g: &[i8]| (0..8).map(|i| half(g[i]) | half(g[8 + i]) << 4).collect::<Vec<_>>();
+        self.push(DType::I4, shape, values.chunks(16).flat_map(pack).collect());
+    }
+
     /// Runs `read` on the table in aligned memory.
     fn read<T>(&self, read: impl FnOnce(&mut Tensors<'_>) -> T) -> T {
         let mut words = vec![0u128; self.weights.len().div_ceil(16)];
@@ -69,46 +76,88 @@ fn worst(got: &[f32], want: &[f64]) -> f64 {
 #[test]
 fn linear_is_a_matrix_product_with_a_bias() {
     for (rows, inputs, outputs) in [(1usize, 5usize, 7usize), (4, 12, 3), (9, 33, 20), (6, 128, 10)] {
-        let mut random = Random(Stream::new((rows * inputs) as u64));
-        let (weights, x) = (random.int8(inputs * outputs), random.singles(rows * inputs));
-        let scales: Vec<f32> = (0..outputs).map(|_| (0.5 + random.0.unit()) / 127.0).collect();
-        let biases = random.singles(outputs);
-        let mut table = Table::default();
-        table.bytes([1, outputs as u16, inputs as u16], &weights);
-        table.singles(&scales);
-        table.singles(&biases);
-        let want = |from: usize, to: usize| {
-            let mut y = Vec::new();
-            for r in 0..rows {
-                for n in from..to {
-                    let dot: f64 =
-                        (0..inputs).map(|k| f64::from(weights[n * inputs + k]) * f64::from(x[r * inputs + k])).sum();
-                    y.push(dot * f64::from(scales[n]) + f64::from(biases[n]));
-                }
-            }
-            y
-        };
-        table.read(|tensors| {
-            let layer = Linear::open(tensors, inputs as u16, outputs as u16).unwrap();
-            let (mut q, mut row_scales) = (vec![0i16; rows * inputs], vec![0.0; rows]);
-            quantise::rows(&x, inputs, quantise::limit(inputs), &mut q, &mut row_scales);
-            let input = Rows { q: &q, scales: &row_scales };
-            let mut acc = vec![0; rows * outputs];
-            let mut y = vec![0.0; rows * outputs];
-            layer.forward(input, &mut y, &mut acc);
-            // int16 activations: half a step of 2^-15 an input, at most.
-            let error = inputs as f64 / 65534.0 * 1.5 + 1e-6;
-            assert!(worst(&y, &want(0, outputs)) < error, "{rows} x {inputs} x {outputs}");
-            let (first, count) = (1, outputs - 2);
-            let mut y = vec![0.0; rows * count];
-            layer.part(first, count).forward(input, &mut y, &mut acc);
-            assert!(worst(&y, &want(first, first + count)) < error);
-            assert_eq!(layer.part(1, outputs).outputs(), 0, "a part out of range has no outputs");
-            let most = want(0, outputs).iter().fold(0.0f64, |m, v| m.max(v.abs()));
-            assert!(f64::from(layer.bound(1.0)) >= most);
-            assert!(f64::from(layer.bound(1.0)) < 2.0 * inputs as f64 + 1.0);
-        });
+        linear(rows, inputs, outputs, DType::I8);
     }
+    for (rows, inputs, outputs) in [(1usize, 16usize, 7usize), (4, 48, 3), (9, 32, 20), (6, 128, 10)] {
+        linear(rows, inputs, outputs, DType::I4);
+    }
+}
+
+fn linear(rows: usize, inputs: usize, outputs: usize, dtype: DType) {
+    let mut random = Random(Stream::new((rows * inputs) as u64));
+    let (mut weights, x) = (random.int8(inputs * outputs), random.singles(rows * inputs));
+    let (levels, shape) = (if dtype == DType::I4 { 7.0 } else { 127.0 }, [1, outputs as u16, inputs as u16]);
+    let mut table = Table::default();
+    if dtype == DType::I4 {
+        weights.iter_mut().for_each(|w| *w %= 8);
+        table.nibbles(shape, &weights);
+    } else {
+        table.bytes(shape, &weights);
+    }
+    let scales: Vec<f32> = (0..outputs).map(|_| (0.5 + random.0.unit()) / levels).collect();
+    let biases = random.singles(outputs);
+    table.singles(&scales);
+    table.singles(&biases);
+    let want = |from: usize, to: usize| {
+        let mut y = Vec::new();
+        for r in 0..rows {
+            for n in from..to {
+                let dot: f64 =
+                    (0..inputs).map(|k| f64::from(weights[n * inputs + k]) * f64::from(x[r * inputs + k])).sum();
+                y.push(dot * f64::from(scales[n]) + f64::from(biases[n]));
+            }
+        }
+        y
+    };
+    table.read(|tensors| {
+        let layer = Linear::open(tensors, inputs as u16, outputs as u16).unwrap();
+        let (mut q, mut row_scales) = (vec![0i16; rows * inputs], vec![0.0; rows]);
+        quantise::rows(&x, inputs, quantise::limit(inputs), &mut q, &mut row_scales);
+        let input = Rows { q: &q, scales: &row_scales };
+        let mut acc = vec![0; rows * outputs];
+        let mut y = vec![0.0; rows * outputs];
+        layer.forward(input, &mut y, &mut acc);
+        // int16 activations: half a step of 2^-15 an input, at most.
+        let error = inputs as f64 / 65534.0 * 1.5 + 1e-6;
+        assert!(worst(&y, &want(0, outputs)) < error, "{rows} x {inputs} x {outputs}");
+        let (first, count) = (1, outputs - 2);
+        let mut y = vec![0.0; rows * count];
+        layer.part(first, count).forward(input, &mut y, &mut acc);
+        assert!(worst(&y, &want(first, first + count)) < error);
+        assert_eq!(layer.part(1, outputs).outputs(), 0, "a part out of range has no outputs");
+        let most = want(0, outputs).iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        assert!(f64::from(layer.bound(1.0)) >= most);
+        assert!(f64::from(layer.bound(1.0)) < 2.0 * inputs as f64 + 1.0);
+    });
+}
+
+/// What a reader refuses of 4-bit weights: rows that are no whole groups, another shape, bytes that are not there.
+#[test]
+fn malformed_four_bit_weights_are_refused() {
+    let with = |shape: [u16; 3]| {
+        let count = shape.iter().map(|&d| usize::from(d)).product::<usize>();
+        let mut bytes = vec![0x88u8; count.div_ceil(2)];
+        // A weight of -7 and one of 7, all others 0.
+        bytes[17] = 0xF1;
+        let mut table = Table::default();
+        table.push(DType::I4, shape, bytes);
+        table.singles(&[0.5; 3]);
+        table.singles(&[0.0; 3]);
+        table
+    };
+    let open = |table: &Table, inputs| table.read(|tensors| Linear::open(tensors, inputs, 3).map(|l| l.bound(1.0)));
+    let shape = |found, expected| Error::TensorShape { index: 0, found, expected };
+    let whole = with([1, 3, 32]);
+    assert_eq!(open(&whole, 32), Ok(7.0));
+    assert_eq!(open(&with([1, 3, 24]), 24), Err(shape(72, 96)));
+    assert_eq!(open(&whole, 48), Err(shape(96, 144)));
+    assert_eq!(
+        whole.read(|tensors| tensors.take().and_then(|t| t.bytes([1, 3, 32]).map(<[i8]>::len))),
+        Err(shape(96, 96))
+    );
+    let mut short = whole;
+    short.weights.truncate(40);
+    assert_eq!(open(&short, 32), Err(Error::TensorRange { index: 0 }));
 }
 
 #[test]

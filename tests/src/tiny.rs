@@ -42,6 +42,8 @@ pub struct PriorShape {
     pub text: TransformerConfig,
     /// The planner.
     pub planner: TransformerConfig,
+    /// Whether linears of the planner's blocks have 4-bit weights, where their inputs come in whole groups.
+    pub packed: bool,
     /// Whether the blob has a planner at all.
     pub planned: bool,
     /// Anchor control; needs a planner.
@@ -69,6 +71,7 @@ impl Default for PriorShape {
             max_words: 7,
             text,
             planner: TransformerConfig { width: 8, heads: 2, layers: 2, hidden: 14, ..text },
+            packed: false,
             planned: true,
             control: None,
             c: 3.0,
@@ -102,6 +105,15 @@ impl Shape {
 }
 
 impl PriorShape {
+    /// Widths of whole groups and 4-bit weights; the feed-forward layer's output stays int8.
+    #[must_use]
+    pub fn packed() -> Self {
+        let prior = PriorShape::default();
+        let text = TransformerConfig { width: 16, heads: 2, ..prior.text };
+        let planner = TransformerConfig { width: 32, heads: 4, hidden: 22, ..prior.planner };
+        PriorShape { text, planner, packed: true, ..prior }
+    }
+
     /// The default with anchor control of all families.
     #[must_use]
     pub fn with_control() -> Self {
@@ -227,6 +239,8 @@ type Entry = (String, DType, [u16; 3], u32);
 
 struct Writer {
     random: Stream,
+    /// Whether linears are to have 4-bit weights.
+    packed: bool,
     entries: Vec<Entry>,
     weights: Vec<u8>,
 }
@@ -254,11 +268,16 @@ impl Writer {
     fn layer(&mut self, name: &str, taps: u16, dilation: u8, outputs: u16, inputs: u16, wide: u16) -> Layer {
         let count = |rows: u16| usize::from(taps) * usize::from(rows) * usize::from(inputs);
         let planes: Vec<i8> = (0..2 * count(wide)).map(|_| self.int8()).collect();
-        let narrow: Vec<i8> = (0..count(outputs - wide)).map(|_| self.int8()).collect();
+        let packed = self.packed && wide == 0 && inputs.is_multiple_of(16);
+        let mut narrow: Vec<i8> = (0..count(outputs - wide)).map(|_| self.int8()).collect();
+        if packed {
+            narrow.iter_mut().for_each(|w| *w /= 16);
+        }
         // Scales that keep the signal's size from layer to layer.
+        let step = if packed { 4.3 } else { 73.0 };
         let fan_in = f32::from(taps) * f32::from(inputs);
         let scales: Vec<f32> = (0..outputs)
-            .map(|n| (0.5 + self.random.unit()) / fan_in.sqrt() / if n < wide { 73.0 * 256.0 } else { 73.0 })
+            .map(|n| (0.5 + self.random.unit()) / fan_in.sqrt() / if n < wide { 73.0 * 256.0 } else { step })
             .collect();
         let biases: Vec<f32> = (0..outputs).map(|_| 0.3 * self.signed()).collect();
         if wide > 0 {
@@ -269,7 +288,11 @@ impl Writer {
                 planes.iter().map(|&v| v as u8),
             );
         }
-        if wide < outputs {
+        if packed {
+            let half = |v: i8| (v + 8) as u8;
+            let pack = |g: &[i8]| (0..8).map(|i| half(g[i]) | half(g[8 + i]) << 4).collect::<Vec<_>>();
+            self.tensor(name, DType::I4, [taps, outputs, inputs], narrow.chunks(16).flat_map(pack));
+        } else if wide < outputs {
             self.tensor(name, DType::I8, [taps, outputs - wide, inputs], narrow.iter().map(|&v| v as u8));
         }
         self.singles("s", &scales);
@@ -365,22 +388,19 @@ impl Writer {
             return Prior { encoder, length, bank, global: none.clone(), tables, blocks: vec![], norm, token: none };
         }
         let d = prior.planner.width;
-        Prior {
-            encoder,
-            length,
-            bank,
-            global: self.linear("global", d, dt),
-            tables: [
-                self.table("time", 32, d),
-                self.table("boundary", 4, d),
-                self.table("position", shape.max_tokens, d),
-                self.table("end", shape.max_tokens, d),
-                self.table("fixed", 1, d),
-            ],
-            blocks: (0..prior.planner.layers).map(|_| self.block(&prior.planner, Some(dt))).collect(),
-            norm: self.norm("n", d),
-            token: self.linear("token", shape.codes, d),
-        }
+        let global = self.linear("global", d, dt);
+        let tables = [
+            self.table("time", 32, d),
+            self.table("boundary", 4, d),
+            self.table("position", shape.max_tokens, d),
+            self.table("end", shape.max_tokens, d),
+            self.table("fixed", 1, d),
+        ];
+        self.packed = prior.packed;
+        let blocks = (0..prior.planner.layers).map(|_| self.block(&prior.planner, Some(dt))).collect();
+        self.packed = false;
+        let (norm, token) = (self.norm("n", d), self.linear("token", shape.codes, d));
+        Prior { encoder, length, bank, global, tables, blocks, norm, token }
     }
 }
 
@@ -419,7 +439,7 @@ impl Tiny {
     /// When a shape does not fit the format (a mistake in the test).
     #[must_use]
     pub fn new(shape: Shape, seed: u64) -> Self {
-        let mut writer = Writer { random: Stream::new(seed), entries: Vec::new(), weights: Vec::new() };
+        let mut writer = Writer { random: Stream::new(seed), packed: false, entries: Vec::new(), weights: Vec::new() };
         // Root velocities of a few centimetres and degrees a frame, joints within a metre.
         let std: Vec<f32> =
             (0..FEATURES).map(|c| if c < 4 { 0.02 } else { 0.1 + 0.2 * writer.random.unit() }).collect();
@@ -520,7 +540,7 @@ pub fn assemble(manifest: &Manifest<'_>, entries: &[Entry], weights: &[u8]) -> V
     let weights_offset = (32 + text.len()).next_multiple_of(16);
     let mut header = Header {
         major: MAJOR,
-        minor: MINOR,
+        minor: if entries.iter().any(|(_, dtype, ..)| *dtype == DType::I4) { MINOR } else { 0 },
         total_len: (weights_offset + weights.len()) as u32,
         manifest_len: text.len() as u32,
         weights_offset: weights_offset as u32,

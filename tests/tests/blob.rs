@@ -2,7 +2,7 @@
 
 use motionette::blob::{Error, HEADER_LEN, Header};
 use motionette::{Generator, Model, Request};
-use motionette_tests::tiny::{Shape, Tiny};
+use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 
 fn tiny() -> Tiny {
     Tiny::new(Shape { width: 4, code_width: 3, codes: 5, dilations: vec![1], wide: 4, ..Shape::default() }, 3)
@@ -101,6 +101,34 @@ fn refused_values_name_tensor_and_element() {
     let scales = first + (3 * 4 * 3usize).next_multiple_of(16);
     assert_eq!(with(scales, 1e30), Err(Error::Unbounded { index: 3 }));
     assert_eq!(with(scales, f32::MIN_POSITIVE / 2.0), Err(Error::TensorValue { index: 4, element: 0 }));
+}
+
+/// 4-bit weights of another shape or type than their place needs, and where rows are embeddings.
+#[test]
+fn malformed_four_bit_weights_are_refused() {
+    let shape = Shape { prior: Some(PriorShape::packed()), ..Shape::with_prior() };
+    let tiny = Tiny::new(shape, 5);
+    let entry = |name: &str| {
+        let name = [&[name.len() as u8], name.as_bytes()].concat();
+        tiny.bytes().windows(name.len()).position(|bytes| bytes == name).expect("in the table") + name.len()
+    };
+    let with = |at: usize, byte: u8| {
+        let mut blob = Editable::new(tiny.bytes());
+        assert_eq!(blob.open(), Ok(()));
+        blob.bytes()[at] = byte;
+        blob.repair();
+        blob.open()
+    };
+    // The number format, three dimensions, the offset; the first block's queries of the text.
+    let (query, token) = (entry("cq"), entry("token"));
+    assert_eq!(tiny.bytes()[query..query + 4], [4, 1, 32, 32]);
+    assert!(matches!(with(query + 3, 24), Err(Error::TensorShape { found: 768, expected: 1024, .. })));
+    assert!(matches!(with(query + 2, 16), Err(Error::TensorShape { found: 512, expected: 1024, .. })));
+    // As int8 it has values that are refused, as int16 it is no linear.
+    assert!(matches!(with(query, 0), Err(Error::TensorValue { .. })));
+    assert!(matches!(with(query, 1), Err(Error::TensorShape { found: 1024, expected: 1024, .. })));
+    assert_eq!(tiny.bytes()[token..token + 4], [0, 1, 11, 32]);
+    assert!(matches!(with(token, 4), Err(Error::TensorShape { found: 0, expected: 352, .. })));
 }
 
 /// Whatever the bytes, opening them answers, and what opens can be run.

@@ -37,7 +37,7 @@ fn shapes() -> Vec<Shape> {
     relu.planner.heads = 4;
     let mut wide = base.clone();
     wide.planner = motionette::blob::TransformerConfig { width: 24, heads: 3, layers: 1, hidden: 50, ..wide.planner };
-    vec![with(base), with(post), with(relu), with(wide)]
+    vec![with(base), with(post), with(relu), with(wide), with(PriorShape::packed())]
 }
 
 fn scenes() -> Vec<Scene> {

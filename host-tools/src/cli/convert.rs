@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
@@ -10,8 +11,10 @@ use super::model::{CheckpointFiles, grouped};
 use super::{bar, say};
 use crate::checkpoint::{PriorCheckpoint, control, prior};
 use crate::convert::{self, CardText, Options, PriorSource, Rounding, bank, calibration};
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, Split};
 use crate::output::write_atomic;
+use crate::reference::Prior;
+use crate::verify::planner;
 
 /// Quantises a tokenizer checkpoint, and a prior if one is given, and writes the blob that devices run.
 ///
@@ -56,7 +59,11 @@ pub(super) struct Cmd {
     /// Data of the weights in the card; else the hash of the training data.
     #[arg(long)]
     data: Option<String>,
-    /// How weights are rounded.
+    /// Bits of the weights in the planner's blocks (attention and feed-forward layers), 8 or 4; everything else keeps 8.
+    #[arg(long, default_value_t = 8, value_parser = PossibleValuesParser::new(["4", "8"]).map(|b| if b == "4" { 4_u8 } else { 8 }),
+        value_name = "BITS")]
+    planner_bits: u8,
+    /// How weights are rounded. With 8 bits those of a prior are always rounded to nearest.
     #[arg(long, value_enum, default_value_t = Way::Feedback)]
     rounding: Way,
     /// Do not refit layers to make up for the layers before them.
@@ -93,12 +100,6 @@ impl Cmd {
             (Some(prior), Some(path)) => stored_prompts(prior, path, self.no_text_encoder)?,
             _ => Vec::new(),
         };
-        let source = prior.as_ref().map(|p| PriorSource {
-            checkpoint: p,
-            bank: &bank,
-            text_encoder: !self.no_text_encoder,
-            control: control.as_ref(),
-        });
         let rounding = match self.rounding {
             Way::Nearest => Rounding::Nearest,
             Way::Clipped => Rounding::Clipped,
@@ -108,11 +109,28 @@ impl Cmd {
             rounding,
             refit: !self.no_refit,
             bias_correction: !self.no_bias_correction,
+            planner_bits: self.planner_bits,
             ..Options::default()
         };
-        let latents = match &self.calibration {
+        let dataset = self.calibration.as_ref().filter(|_| options.needs_calibration());
+        let dataset = dataset.map(Dataset::load).transpose()?;
+        let cases = match (&dataset, &prior) {
+            (Some(dataset), Some(prior)) if options.calibrates_planner() => {
+                let reference = Prior::<f32>::new(prior, &checkpoint);
+                planner::cases(&checkpoint, &reference, dataset, Split::Train, calibration::CASES, false)?
+            }
+            _ => Vec::new(),
+        };
+        let source = prior.as_ref().map(|p| PriorSource {
+            checkpoint: p,
+            bank: &bank,
+            text_encoder: !self.no_text_encoder,
+            control: control.as_ref(),
+            cases: &cases,
+        });
+        let latents = match &dataset {
             _ if !options.needs_calibration() => Vec::new(),
-            Some(path) => calibration::from_dataset(&checkpoint, &Dataset::load(path)?)?,
+            Some(dataset) => calibration::from_dataset(&checkpoint, dataset)?,
             None => {
                 say("note: calibrated on random tokens; with --calibration <dataset> the error is about half");
                 calibration::random(&checkpoint)
@@ -148,6 +166,7 @@ impl Cmd {
             "bank": bank.iter().map(|e| &e.name).collect::<Vec<_>>(),
             "control": control.as_ref().map(|c| &c.config.families),
             "calibration_sequences": latents.len(),
+            "planner_bits": prior.as_ref().map(|_| options.planner_bits),
             "name": card.name,
             "checkpoint": card.checkpoint,
         }))

@@ -121,7 +121,7 @@ fn show_prior(p: &PriorInfo) {
 
 fn layers(layers: &[LayerInfo]) {
     say(
-        "\nlayer                                   scales                    rows           MAC  weight error (rms, max)",
+        "\nlayer                                   bits  scales                    rows           MAC  weight error (rms, max)",
     );
     for l in layers {
         let error = match (l.weight_error, l.weight_error_max) {
@@ -129,8 +129,9 @@ fn layers(layers: &[LayerInfo]) {
             _ => String::new(),
         };
         say(&format!(
-            "{:<38}  {:.3e} .. {:.3e}  {:>6}  {:>12}  {error}",
+            "{:<38}  {:>4}  {:.3e} .. {:.3e}  {:>6}  {:>12}  {error}",
             l.name,
+            if l.wide > 0 { format!("16+{}", l.bits) } else { l.bits.to_string() },
             l.scale_min,
             l.scale_max,
             l.rows,

@@ -8,7 +8,7 @@ use motionette::blob::{
 use motionette::hash::Stream;
 use motionette::{Generator, Limits, Model, Plan, Request};
 
-use super::conv1d::{QuantisedConv1d, split};
+use super::conv1d::{QuantisedConv1d, pack, split};
 use super::prior::{QuantisedPart, QuantisedPrior};
 use super::{CardText, Error, MAX_TOKENS, PriorSource};
 use crate::checkpoint::prior::{self, NormOrder};
@@ -161,7 +161,7 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
     let offset = (HEADER_LEN + text.len()).next_multiple_of(ALIGNMENT);
     let mut header = Header {
         major: MAJOR,
-        minor: MINOR,
+        minor: if tensors.iter().any(|t| t.dtype == DType::I4) { MINOR } else { 0 },
         total_len: narrow(offset + weights.len(), "blob")?,
         manifest_len: narrow(text.len(), "manifest")?,
         weights_offset: narrow(offset, "manifest")?,
@@ -333,7 +333,7 @@ fn tensors(checkpoint: &TokenizerCheckpoint, layers: &[QuantisedConv1d]) -> Resu
     Ok(tensors)
 }
 
-/// int16 rows, int8 rows, scales, biases.
+/// int16 rows, int8 or 4-bit rows, scales, biases.
 fn push_layer(tensors: &mut Vec<Tensor>, layer: &QuantisedConv1d) -> Result<(), Error> {
     let shape = |rows: usize| -> Result<[u16; 3], Error> {
         Ok([narrow(layer.kernel, "kernel")?, narrow(rows, "outputs")?, narrow(layer.inputs, "inputs")?])
@@ -345,9 +345,13 @@ fn push_layer(tensors: &mut Vec<Tensor>, layer: &QuantisedConv1d) -> Result<(), 
         tensors.push(Tensor { name, dtype: DType::I16Planes, shape: shape(layer.wide)?, bytes });
     }
     if layer.wide < layer.outputs {
-        let bytes = layer.planes(layer.wide, layer.outputs).into_iter().map(|v| v as i8 as u8).collect();
+        let weights = layer.planes(layer.wide, layer.outputs);
+        let (dtype, bytes) = match layer.bits {
+            4 => (DType::I4, pack(&weights)),
+            _ => (DType::I8, weights.into_iter().map(|v| v as i8 as u8).collect()),
+        };
         let name = format!("{}.weight", layer.name);
-        tensors.push(Tensor { name, dtype: DType::I8, shape: shape(layer.outputs - layer.wide)?, bytes });
+        tensors.push(Tensor { name, dtype, shape: shape(layer.outputs - layer.wide)?, bytes });
     }
     tensors.push(singles(format!("{}.scale", layer.name), &layer.scales)?);
     tensors.push(singles(format!("{}.bias", layer.name), &layer.bias)?);

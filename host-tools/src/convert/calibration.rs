@@ -9,6 +9,8 @@ use crate::reference::{Quantizer, Tokenizer};
 
 /// Clips taken from the train split, spread evenly over it.
 pub const CLIPS: usize = 192;
+/// Captioned train clips on which a planner is calibrated, one pass each.
+pub const CASES: usize = 128;
 /// Random sequences when there is no data.
 const RANDOM_SEQUENCES: usize = 48;
 /// Tokens of a random sequence.

@@ -1,13 +1,19 @@
 //! A convolution in integers, as the blob stores it.
 
+use motionette::kernels::GROUP;
+
 use crate::checkpoint::Conv1d;
 
 use super::linear_algebra::{cholesky, solve_factored};
 use super::moments::Moments;
 use super::rounding::{Metric, Rounding, round_row};
 
-/// Largest int8 weight.
-pub const NARROW: i32 = 127;
+/// Largest weight of so many bits.
+#[must_use]
+pub const fn levels(bits: u8) -> i32 {
+    (1 << (bits - 1)) - 1
+}
+
 /// Largest int16 weight: `256 hi + lo` with `hi` in -127..=127 reaches further, but symmetric ranges need no more.
 pub const WIDE: i32 = 127 * 256;
 
@@ -22,22 +28,32 @@ pub struct Options {
     pub bias_correction: bool,
     /// Ridge of the covariance, as a share of its mean diagonal.
     pub ridge: f64,
+    /// Bits of the weights in the planner's blocks, 8 or 4. The text encoder, the planner's first and last linear, its tables and the
+    /// anchor control keep 8; so do linears whose inputs do not come in whole groups of [`motionette::kernels::GROUP`].
+    pub planner_bits: u8,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { rounding: Rounding::Feedback, refit: true, bias_correction: true, ridge: 0.03 }
+        Self { rounding: Rounding::Feedback, refit: true, bias_correction: true, ridge: 0.03, planner_bits: 8 }
     }
 }
 
 impl Options {
     /// Plain rounding to nearest, nothing corrected: what everything else is measured against.
-    pub const PLAIN: Self = Self { rounding: Rounding::Nearest, refit: false, bias_correction: false, ridge: 0.0 };
+    pub const PLAIN: Self =
+        Self { rounding: Rounding::Nearest, refit: false, bias_correction: false, ridge: 0.0, planner_bits: 8 };
+
+    /// Whether captioned motions are of use.
+    #[must_use]
+    pub fn calibrates_planner(&self) -> bool {
+        self.planner_bits < 8 && self.needs_calibration()
+    }
 
     /// Whether calibration data is of use.
     #[must_use]
     pub fn needs_calibration(&self) -> bool {
-        *self != Self { ridge: self.ridge, ..Self::PLAIN }
+        *self != Self { ridge: self.ridge, planner_bits: self.planner_bits, ..Self::PLAIN }
     }
 }
 
@@ -54,7 +70,9 @@ pub struct QuantisedConv1d {
     pub kernel: usize,
     /// Leading output channels in int16.
     pub wide: usize,
-    /// `[outputs][inputs][kernel]`; the first `wide` rows within ±[`WIDE`], the others within ±[`NARROW`].
+    /// Bits of the others, 8 or 4.
+    pub bits: u8,
+    /// `[outputs][inputs][kernel]`; the first `wide` rows within ±[`WIDE`], the others within ±[`levels`] of their bits.
     pub values: Vec<i32>,
     /// `[outputs]`, positive.
     pub scales: Vec<f32>,
@@ -63,9 +81,9 @@ pub struct QuantisedConv1d {
 }
 
 impl QuantisedConv1d {
-    /// Quantises `source`; `moments` are those of its input (`[inputs][kernel]` order) and of the output wanted, where known.
+    /// Quantises `source`, all but the first `wide` rows with so many bits; `moments` are those of its input (`[inputs][kernel]` order) and of the output wanted, where known.
     #[must_use]
-    pub fn new(source: &Conv1d, wide: usize, options: &Options, moments: Option<&Moments>) -> Self {
+    pub fn new(source: &Conv1d, (wide, bits): (usize, u8), options: &Options, moments: Option<&Moments>) -> Self {
         let n = source.inputs * source.kernel;
         let mut weights: Vec<f64> = source.weight.iter().map(|&w| f64::from(w)).collect();
         let mut bias: Vec<f64> = source.bias.iter().map(|&b| f64::from(b)).collect();
@@ -96,7 +114,7 @@ impl QuantisedConv1d {
             let rounded = if o < wide {
                 round_row(row, WIDE, Rounding::Nearest, None)
             } else {
-                round_row(row, NARROW, options.rounding, metric.as_ref())
+                round_row(row, levels(bits), options.rounding, metric.as_ref())
             };
             // A refit is a fit around the means: the bias belongs to it.
             if (options.bias_correction || options.refit)
@@ -115,6 +133,7 @@ impl QuantisedConv1d {
             inputs: source.inputs,
             kernel: source.kernel,
             wide,
+            bits,
             values,
             scales,
             bias: bias.iter().map(|&b| b as f32).collect(),
@@ -155,6 +174,17 @@ impl QuantisedConv1d {
     }
 }
 
+/// 4-bit weights in the packing of a blob, a multiple of [`GROUP`] of them.
+#[must_use]
+pub fn pack(weights: &[i32]) -> Vec<u8> {
+    let half = |v: i32| (v + 8) as u8;
+    let group = |g: &[i32]| {
+        let (low, high) = g.split_at(GROUP / 2);
+        low.iter().zip(high).map(|(&a, &b)| half(a) | half(b) << 4).collect::<Vec<_>>()
+    };
+    weights.chunks_exact(GROUP).flat_map(group).collect()
+}
+
 /// An int16 weight as two int8: `v = 256 hi + lo`, `hi` in -127..=127, `lo` in -128..=127.
 #[must_use]
 pub fn split(v: i32) -> (i8, i8) {
@@ -176,6 +206,14 @@ mod tests {
     }
 
     #[test]
+    fn packing_is_what_the_runtime_unpacks() {
+        let weights: Vec<i32> = (0..3 * GROUP).map(|i| (i * 7 % 15) as i32 - 7).collect();
+        let packed = pack(&weights);
+        let groups = packed.as_chunks().0.iter();
+        assert_eq!(groups.flat_map(motionette::kernels::unpacked).map(i32::from).collect::<Vec<_>>(), weights);
+    }
+
+    #[test]
     fn layout_and_round_trip() {
         let source = Conv1d {
             name: "c".into(),
@@ -185,7 +223,7 @@ mod tests {
             weight: (0..18).map(|i| (i as f32 - 8.5) / 10.0).collect(),
             bias: vec![0.5, -0.25, 0.0],
         };
-        let q = QuantisedConv1d::new(&source, 1, &Options::PLAIN, None);
+        let q = QuantisedConv1d::new(&source, (1, 8), &Options::PLAIN, None);
         let back = q.dequantised();
         assert_eq!(back.bias, source.bias);
         for (i, (a, b)) in back.weight.iter().zip(&source.weight).enumerate() {
@@ -219,8 +257,8 @@ mod tests {
                 .collect();
             moments.add(&x, &y);
         }
-        let options = Options { rounding: Rounding::Nearest, refit: false, bias_correction: true, ridge: 0.01 };
-        let back = QuantisedConv1d::new(&source, 0, &options, Some(&moments)).dequantised();
+        let options = Options { bias_correction: true, ridge: 0.01, ..Options::PLAIN };
+        let back = QuantisedConv1d::new(&source, (0, 8), &options, Some(&moments)).dequantised();
         let c = moments.covariance();
         for o in 0..2 {
             let mean: f64 =

@@ -121,7 +121,7 @@ fn layer(
         }
     }
     let moments = (!samples.is_empty()).then(|| observe(conv, geometry, samples, add));
-    let result = QuantisedConv1d::new(conv, wide, options, moments.as_ref());
+    let result = QuantisedConv1d::new(conv, (wide, 8), options, moments.as_ref());
     let quantised = Conv1d::<f32>::new(&result.dequantised(), geometry);
     for s in samples.iter_mut() {
         s.quantised = quantised.forward(&s.quantised);

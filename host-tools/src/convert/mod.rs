@@ -1,6 +1,7 @@
 //! From a checkpoint to a blob: quantisation, then the byte format.
 //!
-//! Weights become int8 with one scale an output channel; the decoder's root rows, which integrate over time, become int16. What plain
+//! Weights become int8 with one scale an output channel; the decoder's root rows, which integrate over time, become int16, the weights in
+//! the planner's blocks 4-bit if they shall. What plain
 //! rounding loses is fought three ways, each an option so that it can be measured against the others ([`Options`]): rounding with error
 //! feedback, refitting every layer to make up for the layers before it, and bias correction. All three use the same thing, the
 //! covariance of a layer's input over calibration clips.
@@ -33,7 +34,8 @@ pub use error::Error;
 pub use rounding::Rounding;
 
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
-use prior::QuantisedPrior;
+use crate::verify::planner::Case;
+use prior::{Inputs, QuantisedPrior};
 
 /// Longest motion of our models: 196 frames.
 pub const MAX_TOKENS: usize = 49;
@@ -75,6 +77,8 @@ pub struct PriorSource<'a> {
     pub text_encoder: bool,
     /// The prior's anchor control, if it goes in.
     pub control: Option<&'a ControlCheckpoint>,
+    /// Motions with captions on which the rounding of 4-bit weights is calibrated; may be empty.
+    pub cases: &'a [Case],
 }
 
 /// Quantises `checkpoint` with `options`, calibrated on `latents`, and writes the blob.
@@ -112,7 +116,11 @@ pub fn convert_with_prior(
         }
     }
     let layers = decoder::quantise(&checkpoint.decoder, ROOT_ROWS, options, latents, progress);
-    let quantised = prior.as_ref().map(|p| prior::quantise(p.checkpoint, p.control));
+    let quantised = prior.as_ref().map(|p| {
+        let inputs =
+            if options.calibrates_planner() { prior::inputs(p.checkpoint, checkpoint, p.cases) } else { Inputs::new() };
+        prior::quantise(p.checkpoint, p.control, options, &inputs)
+    });
     let blob = blob::write(checkpoint, &layers, prior.zip(quantised.as_ref()), card)?;
     Ok(Conversion { blob, layers, prior: quantised })
 }

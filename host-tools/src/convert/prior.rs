@@ -1,9 +1,18 @@
-//! The prior and its anchor control in integers: linears and tables int8 with one scale a row, norms as they are.
+//! The prior and its anchor control in integers: linears and tables int8 with one scale a row, norms as they are; the linears of the
+//! planner's blocks 4-bit if they shall.
 
-use crate::checkpoint::prior::{Embedding, LayerNorm, Part, PartMut};
-use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint};
+use std::collections::HashMap;
+
+use motionette::hash::Stream;
+use motionette::kernels::GROUP;
+
+use crate::checkpoint::prior::{Embedding, LayerNorm, Part, PartMut, TIMES};
+use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerCheckpoint};
+use crate::reference::Prior;
+use crate::verify::planner::Case;
 
 use super::conv1d::{Options, QuantisedConv1d};
+use super::moments::Moments;
 
 /// One part as the blob stores it.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,10 +36,37 @@ pub struct QuantisedPrior {
     pub control: Vec<QuantisedPart>,
 }
 
-/// Rounds every linear and every table to nearest.
+/// Rows that a linear reads, one behind another, by its name.
+pub type Inputs = HashMap<String, Vec<f32>>;
+
+/// What the linears of the planner's blocks read when `cases` are planned, at one time each.
 #[must_use]
-pub fn quantise(checkpoint: &PriorCheckpoint, control: Option<&ControlCheckpoint>) -> QuantisedPrior {
-    let all = |parts: Vec<Part<'_>>| parts.into_iter().map(part).collect();
+pub fn inputs(checkpoint: &PriorCheckpoint, tokenizer: &TokenizerCheckpoint, cases: &[Case]) -> Inputs {
+    let prior = Prior::<f32>::new(checkpoint, tokenizer);
+    let numbered: Vec<(usize, &Case)> = cases.iter().enumerate().collect();
+    let seen = crate::parallel::map(&numbered, |&(i, case)| {
+        let time = (i % TIMES) as f64 / TIMES as f64;
+        let tokens = prior.tmd.corrupt(&case.tokens, time, &mut Stream::new(i as u64));
+        let mut seen = Vec::new();
+        prior.observe(&case.words, &tokens, time, &mut |name, rows| seen.push((name, rows.to_vec())));
+        seen
+    });
+    let mut all = Inputs::new();
+    for (name, rows) in seen.into_iter().flatten() {
+        all.entry(name).or_default().extend(rows);
+    }
+    all
+}
+
+/// Rounds every linear and every table to nearest, 4-bit ones as `options` say, with what is known of their `inputs`.
+#[must_use]
+pub fn quantise(
+    checkpoint: &PriorCheckpoint,
+    control: Option<&ControlCheckpoint>,
+    options: &Options,
+    inputs: &Inputs,
+) -> QuantisedPrior {
+    let all = |parts: Vec<Part<'_>>| crate::parallel::map(&parts, |part| quantised(*part, options, inputs));
     QuantisedPrior {
         text: all(checkpoint.text_parts()),
         planner: all(checkpoint.planner_parts()),
@@ -38,16 +74,36 @@ pub fn quantise(checkpoint: &PriorCheckpoint, control: Option<&ControlCheckpoint
     }
 }
 
-fn part(part: Part<'_>) -> QuantisedPart {
+fn quantised(part: Part<'_>, options: &Options, inputs: &Inputs) -> QuantisedPart {
+    let plain = |source: &Conv1d| QuantisedConv1d::new(source, (0, 8), &Options::PLAIN, None);
     match part {
         Part::Linear(linear) => {
-            QuantisedPart::Linear(QuantisedConv1d::new(&linear.as_convolution(), 0, &Options::PLAIN, None))
+            let source = linear.as_convolution();
+            let narrow = linear.name.starts_with("planner.layers.") && linear.inputs.is_multiple_of(GROUP);
+            QuantisedPart::Linear(if narrow && options.planner_bits < 8 {
+                // What the layers before it lost is not known here.
+                let options = Options { refit: false, ..*options };
+                let moments = inputs.get(&linear.name).map(|rows| moments(&source, rows));
+                QuantisedConv1d::new(&source, (0, options.planner_bits), &options, moments.as_ref())
+            } else {
+                plain(&source)
+            })
         }
-        Part::Embedding(table) => {
-            QuantisedPart::Table(QuantisedConv1d::new(&table.as_convolution(), 0, &Options::PLAIN, None))
-        }
+        Part::Embedding(table) => QuantisedPart::Table(plain(&table.as_convolution())),
         Part::Norm(norm) => QuantisedPart::Norm(norm.clone()),
     }
+}
+
+/// Moments of a linear's input and of its output.
+fn moments(source: &Conv1d, rows: &[f32]) -> Moments {
+    let mut moments = Moments::new(source.inputs, source.outputs);
+    for row in rows.chunks_exact(source.inputs) {
+        let x: Vec<f64> = row.iter().map(|&v| f64::from(v)).collect();
+        let weights = source.weight.chunks_exact(source.inputs).zip(&source.bias);
+        let y = weights.map(|(w, &b)| w.iter().zip(&x).map(|(&w, x)| f64::from(w) * x).sum::<f64>() + f64::from(b));
+        moments.add(&x, &y.collect::<Vec<_>>());
+    }
+    moments
 }
 
 /// The prior that the integers stand for, to run in the reference.

@@ -89,6 +89,21 @@ impl<T: Real> Planner<T> {
     /// For a token outside the codebook, or more than [`Planner::max_tokens`] of them.
     #[must_use]
     pub fn logits(&self, context: &Context<T>, tokens: &[u16], time: f64, window: Window<'_>) -> Vec<T> {
+        self.observe(context, tokens, time, window, &mut |_, _, _| ())
+    }
+
+    /// The same; `see` is told what each linear of each layer reads, by its name within the layer.
+    ///
+    /// # Panics
+    /// As [`Planner::logits`].
+    pub fn observe(
+        &self,
+        context: &Context<T>,
+        tokens: &[u16],
+        time: f64,
+        window: Window<'_>,
+        see: &mut dyn FnMut(usize, &'static str, &[T]),
+    ) -> Vec<T> {
         let mut x = context.global.clone();
         self.time.add(((TIMES as f64 * time) as usize).min(TIMES - 1), &mut x);
         self.boundary.add(2 * usize::from(window.start_open) + usize::from(window.end_open), &mut x);
@@ -111,7 +126,7 @@ impl<T: Real> Planner<T> {
             let anchors = context.anchors.as_ref().and_then(|a| a.memories.get(m));
             let stride = 2 * self.width;
             let extra = anchors.map(|rows| Segment { rows, stride, keys: 0, values: self.width });
-            layer.forward(&mut x, memory, extra.as_slice());
+            layer.observe(&mut x, memory, extra.as_slice(), &mut |name, rows| see(m, name, rows));
         }
         self.token.forward(&self.norm.forward(&x[self.width..]))
     }

@@ -107,6 +107,18 @@ impl<T: Real> Prior<T> {
         logits
     }
 
+    /// Tells `see` what every linear of the planner's blocks reads, by its name in a checkpoint, in one pass for words.
+    pub fn observe(&self, words: &[u16], tokens: &[u16], time: f64, see: &mut dyn FnMut(String, &[T])) {
+        let text = self.text.encode(words);
+        let context = self.planner.context(&text);
+        let mut layers = 0;
+        let _ = self.planner.observe(&context, tokens, time, Window::default(), &mut |layer, name, rows| {
+            layers = layers.max(layer + 1);
+            see(format!("planner.layers.{layer}.{name}"), rows);
+        });
+        (0..layers).for_each(|layer| see(format!("planner.layers.{layer}.cross.kv"), &text.memory));
+    }
+
     /// Plans `length` tokens; returns them after every step, the last are the result.
     #[must_use]
     pub fn sample(&self, guided: &Guided<T>, length: usize, settings: &Settings) -> Vec<Vec<u16>> {

@@ -267,23 +267,42 @@ impl<T: Real> Block<T> {
     /// The rows `x` `[n][d]` after this layer. `memory` is what [`Block::remember`] gave; `extra` are further segments for the
     /// self-attention.
     pub fn forward(&self, x: &mut Vec<T>, memory: &[T], extra: &[Segment<'_, T>]) {
+        self.observe(x, memory, extra, &mut |_, _| ());
+    }
+
+    /// The same; `see` is told what each linear reads, by its name within the layer.
+    pub fn observe(
+        &self,
+        x: &mut Vec<T>,
+        memory: &[T],
+        extra: &[Segment<'_, T>],
+        see: &mut dyn FnMut(&'static str, &[T]),
+    ) {
         self.sublayer(x, &self.norm1, |h| {
             let width = self.output.outputs;
+            see("attention.qkv", h);
             let qkv = self.qkv.forward(h);
             let own = Segment { rows: &qkv, stride: 3 * width, keys: width, values: 2 * width };
             let segments: Vec<Segment<'_, T>> = core::iter::once(own).chain(extra.iter().copied()).collect();
-            self.output.forward(&attend(&qkv, 3 * width, width, self.heads, &segments))
+            let attended = attend(&qkv, 3 * width, width, self.heads, &segments);
+            see("attention.out", &attended);
+            self.output.forward(&attended)
         });
         if let Some(cross) = &self.cross {
             self.sublayer(x, &cross.norm, |h| {
                 let width = cross.output.outputs;
                 let memory = Segment { rows: memory, stride: 2 * width, keys: 0, values: width };
-                cross.output.forward(&attend(&cross.query.forward(h), width, width, self.heads, &[memory]))
+                see("cross.q", h);
+                let attended = attend(&cross.query.forward(h), width, width, self.heads, &[memory]);
+                see("cross.out", &attended);
+                cross.output.forward(&attended)
             });
         }
         self.sublayer(x, &self.norm2, |h| {
+            see("ffn.in", h);
             let mut hidden = self.expand.forward(h);
             activate(&mut hidden, self.activation);
+            see("ffn.out", &hidden);
             self.contract.forward(&hidden)
         });
     }

@@ -84,7 +84,7 @@ pub fn prior_config(norm: &str, activation: &str) -> String {
     format!(
         r#"{{"vocabulary": ["<none>", "<unknown>", "a", "person", "walks", "waves", "carry", "run", "tired"], "max_words": 7,
     "max_tokens": 49, "codes": 6, "code_dim": 3, "text": {{"width": 8, "heads": 2, "layers": 1, "hidden": 13}},
-    "planner": {{"width": 12, "heads": 3, "layers": 2, "hidden": 11}}, "epsilon": 1e-5, "norm": "{norm}",
+    "planner": {{"width": 12, "heads": 3, "layers": 2, "hidden": 16}}, "epsilon": 1e-5, "norm": "{norm}",
     "activation": "{activation}", "c": 3.0, "a": 0.9, "tokenizer": "{hash}", "preset": "tiny", "seed": 1, "steps": 2,
     "data_hash": "none", "metrics": null}}"#
     )
@@ -113,7 +113,7 @@ pub fn prior(seed: u64) -> TensorMap {
     let mut linears = vec![("text.length".to_owned(), max_tokens, dt)];
     linears.extend([("planner.global".into(), d, dt), ("planner.token".into(), codes, d)]);
     let mut norms = vec![("text.norm".to_owned(), dt), ("planner.norm".into(), d)];
-    for (base, layers, width, hidden) in [("text", 1, dt, 13), ("planner", 2, d, 11)] {
+    for (base, layers, width, hidden) in [("text", 1, dt, 13), ("planner", 2, d, 16)] {
         for i in 0..layers {
             let name = format!("{base}.layers.{i}");
             norms.extend([(format!("{name}.norm1"), width), (format!("{name}.norm2"), width)]);

@@ -204,16 +204,19 @@ pub enum DType {
     F16,
     /// IEEE single.
     F32,
+    /// 4 bits, symmetric, two a byte ([`crate::kernels`]): weights of linear layers. Format version 3.1.
+    I4,
 }
 
 impl DType {
-    /// Bytes of one element.
+    /// Bits of one element.
     #[must_use]
-    pub const fn bytes(self) -> usize {
+    pub const fn bits(self) -> u8 {
         match self {
-            DType::I8 => 1,
-            DType::I16Planes | DType::F16 => 2,
-            DType::F32 => 4,
+            DType::I4 => 4,
+            DType::I8 => 8,
+            DType::I16Planes | DType::F16 => 16,
+            DType::F32 => 32,
         }
     }
 }
@@ -237,5 +240,11 @@ impl TensorEntry<'_> {
     pub const fn elements(&self) -> u64 {
         let [a, b, c] = self.shape;
         a as u64 * b as u64 * c as u64
+    }
+
+    /// Bytes of its elements.
+    #[must_use]
+    pub const fn bytes(&self) -> u64 {
+        (self.elements() * self.dtype.bits() as u64).div_ceil(8)
     }
 }

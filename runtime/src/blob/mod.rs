@@ -85,7 +85,8 @@ pub enum Error {
         /// Index in the tensor table.
         index: u16,
     },
-    /// A tensor has another type or shape than its place in the module needs.
+    /// A tensor has another type or shape than its place in the module needs; 4-bit rows must come in whole groups of
+    /// [`crate::kernels::GROUP`].
     TensorShape {
         /// Index in the tensor table.
         index: u16,

@@ -1,6 +1,7 @@
 //! The tensor table, read lazily in order, and the checked views into the weight section.
 
 use super::{ALIGNMENT, DType, Error, TensorEntry};
+use crate::kernels::GROUP;
 
 /// Walks the tensor table in order and hands out checked tensors.
 #[derive(Debug, Clone, Copy)]
@@ -44,7 +45,7 @@ impl<'a> Tensors<'a> {
         }
         let (entry, rest) = postcard::take_from_bytes::<TensorEntry<'a>>(self.table).map_err(|_| Error::Manifest)?;
         let range = Error::TensorRange { index };
-        let length = u32::try_from(entry.elements() * entry.dtype.bytes() as u64).map_err(|_| range)?;
+        let length = u32::try_from(entry.bytes()).map_err(|_| range)?;
         let end = entry.offset.checked_add(length).ok_or(range)?;
         if entry.offset < self.used || !(entry.offset as usize).is_multiple_of(ALIGNMENT) {
             return Err(range);
@@ -148,6 +149,18 @@ impl<'a> Tensor<'a> {
         let values = self.cast::<i8>()?;
         self.refuse(values, |v| v == i8::MIN)?;
         Ok(values)
+    }
+
+    /// 4-bit weights, two a byte as [`crate::kernels::linear_s16s4`] reads them, `shape[2]` a multiple of [`GROUP`]. All values
+    /// are allowed.
+    ///
+    /// # Errors
+    /// [`Error::TensorShape`].
+    pub fn nibbles(&self, shape: [u16; 3]) -> Result<&'a [u8], Error> {
+        let [taps, rows, inputs] = shape;
+        let whole = inputs.checked_next_multiple_of(GROUP as u16).unwrap_or(0);
+        self.shaped(DType::I4, [taps, rows, whole])?;
+        Ok(self.bytes)
     }
 
     /// The high and the low plane of int16 weights; high halves in -127..=127.

@@ -2,27 +2,49 @@
 //! odd addresses, buffers that are too long or too short.
 
 use super::{portable, room};
+use crate::blob::Aligned;
 use crate::hash::Stream;
 
 /// A kernel: rows, weights, inputs, outputs, accumulators.
 pub type Kernel = fn(&[i16], &[i8], usize, usize, &mut [i32]);
 
-/// A variant of both kernels.
+/// The same with 4-bit weights.
+pub type Kernel4 = fn(&[i16], &[u8], usize, usize, &mut [i32]);
+
+/// A variant of all kernels.
 #[derive(Debug, Clone, Copy)]
 pub struct Variant {
     /// Of [`super::linear_s16s8`].
     pub linear: Kernel,
+    /// Of [`super::linear_s16s4`].
+    pub linear4: Kernel4,
     /// Of [`super::linear_transposed_s16s8`].
     pub transposed: Kernel,
 }
 
+/// One of a variant's kernels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Which {
+    /// [`Variant::linear`].
+    Linear,
+    /// [`Variant::linear4`].
+    Linear4,
+    /// [`Variant::transposed`].
+    Transposed,
+}
+
 /// What this target runs.
-pub const CHOSEN: Variant = Variant { linear: super::linear_s16s8, transposed: super::linear_transposed_s16s8 };
+pub const CHOSEN: Variant =
+    Variant { linear: super::linear_s16s8, linear4: super::linear_s16s4, transposed: super::linear_transposed_s16s8 };
 /// The specification.
-pub const PORTABLE: Variant = Variant { linear: portable::linear_s16s8, transposed: portable::linear_transposed_s16s8 };
+pub const PORTABLE: Variant = Variant {
+    linear: portable::linear_s16s8,
+    linear4: portable::linear_s16s4,
+    transposed: portable::linear_transposed_s16s8,
+};
 
 const ROWS: [usize; 12] = [0, 1, 2, 3, 4, 5, 7, 11, 12, 13, 16, 19];
-const INPUTS: [usize; 19] = [0, 1, 2, 3, 4, 7, 8, 12, 15, 16, 17, 31, 32, 33, 36, 64, 65, 96, 129];
+const INPUTS: [usize; 20] = [0, 1, 2, 3, 4, 7, 8, 12, 15, 16, 17, 31, 32, 33, 36, 48, 64, 65, 96, 129];
 const OUTPUTS: [usize; 10] = [0, 1, 2, 3, 4, 5, 8, 17, 33, 67];
 const WIDEST: usize = 129;
 /// Elements of a buffer that a case leaves before or behind.
@@ -36,7 +58,8 @@ const UNTOUCHED: i32 = -77;
 #[derive(Debug)]
 pub struct Buffers {
     x: [i16; LONGEST],
-    w: [i8; HEAVIEST],
+    // Kernels may have a way of their own for weights on a boundary.
+    w: Aligned<[i8; HEAVIEST]>,
     want: [i32; LONGEST + room(19, WIDEST)],
     got: [i32; LONGEST + room(19, WIDEST)],
 }
@@ -47,7 +70,7 @@ impl Buffers {
     pub const fn new() -> Self {
         Buffers {
             x: [0; LONGEST],
-            w: [0; HEAVIEST],
+            w: Aligned([0; HEAVIEST]),
             want: [0; LONGEST + room(19, WIDEST)],
             got: [0; LONGEST + room(19, WIDEST)],
         }
@@ -72,8 +95,8 @@ pub enum Values {
 /// The case in which a variant differs from the portable kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mismatch {
-    /// True of the transposed kernel.
-    pub transposed: bool,
+    /// Which kernel.
+    pub which: Which,
     /// Rows, inputs, outputs.
     pub shape: [usize; 3],
     /// How numbers were drawn.
@@ -93,10 +116,10 @@ pub struct Mismatch {
 pub fn run(variant: &Variant, buffers: &mut Buffers) -> Result<u32, Mismatch> {
     let mut cases = 0;
     for (rows, inputs, outputs) in shapes() {
-        for transposed in [false, true] {
+        for which in [Which::Linear, Which::Linear4, Which::Transposed] {
             for values in [Values::Random, Values::Extreme] {
                 for (skew, extra, roomy) in [(0, 0, true), (1, 0, true), (3, 1, false), (0, -1, true)] {
-                    let case = Mismatch { transposed, shape: [rows, inputs, outputs], values, skew, extra, roomy };
+                    let case = Mismatch { which, shape: [rows, inputs, outputs], values, skew, extra, roomy };
                     if !agrees(variant, &case, buffers) {
                         return Err(case);
                     }
@@ -116,9 +139,7 @@ fn shapes() -> impl Iterator<Item = (usize, usize, usize)> {
 /// True when the accumulators are those of the portable kernel.
 fn agrees(variant: &Variant, case: &Mismatch, buffers: &mut Buffers) -> bool {
     let [rows, inputs, outputs] = case.shape;
-    let (from, to) = if case.transposed { (outputs, inputs) } else { (inputs, outputs) };
-    let (kernel, portable) =
-        if case.transposed { (variant.transposed, PORTABLE.transposed) } else { (variant.linear, PORTABLE.linear) };
+    let (from, to) = if case.which == Which::Transposed { (outputs, inputs) } else { (inputs, outputs) };
     let mut stream = Stream::new((rows * 131 + inputs * 17 + outputs) as u64);
     let mut number = || match case.values {
         Values::Random => stream.below(1 << 16) as i16,
@@ -127,19 +148,25 @@ fn agrees(variant: &Variant, case: &Mismatch, buffers: &mut Buffers) -> bool {
     let behind = if case.roomy { room(rows, from) } else { 0 };
     let lent = case.skew..case.skew + rows * to + behind;
     buffers.x.iter_mut().take(rows * from + SLACK).for_each(|x| *x = number());
-    buffers.w.iter_mut().take(inputs * outputs + SLACK).for_each(|w| *w = number() as i8);
+    buffers.w.0.iter_mut().take(inputs * outputs + SLACK).for_each(|w| *w = number() as i8);
     for sums in [&mut buffers.want, &mut buffers.got] {
         sums.iter_mut().take(lent.end + SLACK).for_each(|sum| *sum = UNTOUCHED);
     }
     let part = |whole: usize| case.skew..case.skew + whole.saturating_add_signed(case.extra);
-    let (Some(x), Some(w)) = (buffers.x.get(part(rows * from)), buffers.w.get(part(inputs * outputs))) else {
+    let weights = if case.which == Which::Linear4 { inputs / 2 * outputs } else { inputs * outputs };
+    let (Some(x), Some(w)) = (buffers.x.get(part(rows * from)), buffers.w.0.get(part(weights))) else {
         return false;
     };
     let (Some(want), Some(got)) = (buffers.want.get_mut(lent.clone()), buffers.got.get_mut(lent.clone())) else {
         return false;
     };
-    portable(x, w, inputs, outputs, want);
-    kernel(x, w, inputs, outputs, got);
+    for (variant, acc) in [(&PORTABLE, want), (variant, got)] {
+        match case.which {
+            Which::Linear => (variant.linear)(x, w, inputs, outputs, acc),
+            Which::Linear4 => (variant.linear4)(x, bytemuck::cast_slice(w), inputs, outputs, acc),
+            Which::Transposed => (variant.transposed)(x, w, inputs, outputs, acc),
+        }
+    }
     // A short row of x has no sums; what is behind the others belongs to the kernel.
     let whole = x.len().checked_div(from).unwrap_or(0).min(rows) * to;
     // Nothing may have changed before and behind what was lent.

@@ -34,6 +34,12 @@ pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mu
     chosen::linear_s16s8(x, w, inputs, outputs, acc);
 }
 
+/// `portable::linear_s16s4`, counted.
+pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    add_rows(x, inputs, acc, outputs);
+    chosen::linear_s16s4(x, w, inputs, outputs, acc);
+}
+
 /// `portable::linear_transposed_s16s8`, counted.
 pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
     add_rows(g, outputs, acc, inputs);

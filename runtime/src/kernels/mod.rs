@@ -1,4 +1,4 @@
-//! Integer inner loops: int16 activations times int8 weights, int32 accumulators.
+//! Integer inner loops: int16 activations times int8 or 4-bit weights, int32 accumulators.
 //!
 //! The portable implementation is the specification and what every other target runs. Cortex-M cores with the DSP extension
 //! or MVE have loops in assembly. x86-64 has AVX2 and AVX-512 variants, of which the best that processor and system support
@@ -22,22 +22,23 @@ mod tests;
 mod x86;
 
 #[cfg(not(feature = "count"))]
-pub use chosen::{linear_s16s8, linear_transposed_s16s8};
+pub use chosen::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(feature = "count")]
-pub use count::{linear_s16s8, linear_transposed_s16s8};
+pub use count::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(not(target_arch = "x86_64"))]
 pub use portable::wide;
+pub use portable::{GROUP, GROUP_BYTES, unpacked};
 #[cfg(target_arch = "x86_64")]
 pub use x86::wide;
 
 /// What this target runs.
 mod chosen {
     #[cfg(kernels)]
-    pub use super::arm::{linear_s16s8, linear_transposed_s16s8};
+    pub use super::arm::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
     #[cfg(not(any(kernels, target_arch = "x86_64")))]
-    pub use super::portable::{linear_s16s8, linear_transposed_s16s8};
+    pub use super::portable::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
     #[cfg(target_arch = "x86_64")]
-    pub use super::x86::{linear_s16s8, linear_transposed_s16s8};
+    pub use super::x86::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 }
 
 /// Numbers behind the accumulators with which every variant is as fast as it can be, for `rows` rows of `terms` terms a

@@ -19,6 +19,47 @@ pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mu
     }
 }
 
+/// Inputs whose 4-bit weights are packed together, and the bytes that they take.
+pub const GROUP: usize = 16;
+/// See [`GROUP`].
+pub const GROUP_BYTES: usize = GROUP / 2;
+/// What is added to a 4-bit weight where it is stored.
+const OFFSET: i8 = 8;
+
+/// `acc[r][n] = sum_k x[r][k] * w[n][k]` with 4-bit weights: rows `x [R][inputs]`, weights `w [N][inputs / 2]`, `acc [R][N]`.
+///
+/// Of 16 weights in a row, byte `i` of eight holds number `i` in its low half and number `8 + i` in its high half, 8 added to each.
+/// Incomplete rows are ignored; a width that is no multiple of [`GROUP`] does nothing.
+#[inline(never)]
+pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    if inputs == 0 || outputs == 0 || !inputs.is_multiple_of(GROUP) {
+        return;
+    }
+    for (x, acc) in x.chunks_exact(inputs).zip(acc.chunks_exact_mut(outputs)) {
+        let groups = x.as_chunks::<GROUP>().0;
+        for (w, acc) in w.chunks_exact(inputs / 2).zip(acc) {
+            *acc = 0;
+            for (x, w) in groups.iter().zip(w.as_chunks::<GROUP_BYTES>().0) {
+                let mut sum = [0];
+                linear_s16s8(x, &unpacked(w), GROUP, 1, &mut sum);
+                *acc = acc.wrapping_add(sum[0]);
+            }
+        }
+    }
+}
+
+/// The weights of a group, -8..=7.
+#[inline(never)]
+#[must_use]
+pub fn unpacked(bytes: &[u8; GROUP_BYTES]) -> [i8; GROUP] {
+    let mut weights = [0; GROUP];
+    let (low, high) = weights.split_at_mut(GROUP_BYTES);
+    for ((low, high), byte) in low.iter_mut().zip(high).zip(bytes) {
+        (*low, *high) = ((byte & 15) as i8 - OFFSET, (byte >> 4) as i8 - OFFSET);
+    }
+    weights
+}
+
 /// `acc[r][k] = sum_n g[r][n] * w[n][k]`: the same weights read transposed, for input gradients.
 ///
 /// Rows `g [R][N]`, weights `w [N][inputs]`, `acc [R][inputs]`.

@@ -1,6 +1,6 @@
 //! Every variant that this machine can run, against the portable one.
 
-use super::check::{Buffers, CHOSEN, Variant, run};
+use super::check::{Buffers, CHOSEN, Variant, Which, run};
 use std::boxed::Box;
 use std::string::String;
 use std::vec::Vec;
@@ -12,10 +12,12 @@ fn variants() -> Vec<(String, Variant)> {
         use super::x86::Isa;
         let avx2 = Variant {
             linear: |x, w, k, n, acc| Isa::Avx2.linear_s16s8(x, w, k, n, acc),
+            linear4: |x, w, k, n, acc| Isa::Avx2.linear_s16s4(x, w, k, n, acc),
             transposed: |g, w, k, n, acc| Isa::Avx2.linear_transposed_s16s8(g, w, k, n, acc),
         };
         let avx512 = Variant {
             linear: |x, w, k, n, acc| Isa::Avx512.linear_s16s8(x, w, k, n, acc),
+            linear4: |x, w, k, n, acc| Isa::Avx512.linear_s16s4(x, w, k, n, acc),
             transposed: |g, w, k, n, acc| Isa::Avx512.linear_transposed_s16s8(g, w, k, n, acc),
         };
         for (isa, variant) in [(Isa::Avx2, avx2), (Isa::Avx512, avx512)] {
@@ -32,8 +34,26 @@ fn variants_agree_with_the_portable_kernels() {
     let mut buffers = Box::new(Buffers::new());
     for (name, variant) in variants() {
         let cases = run(&variant, &mut buffers).unwrap_or_else(|mismatch| panic!("{name}: {mismatch:?}"));
-        assert!(cases > 30_000);
+        assert!(cases > 50_000);
     }
+}
+
+/// Weights in -7..=7 are those of the int8 kernel in another packing, whatever the width.
+#[test]
+fn four_bits_are_packed_as_they_are_said_to_be() {
+    let (inputs, outputs) = (48, 5);
+    let weight = |n: usize, k: usize| ((n * 31 + k * 7) % 15) as i8 - 7;
+    let plain: Vec<i8> = (0..outputs * inputs).map(|i| weight(i / inputs, i % inputs)).collect();
+    let byte = |i: usize| {
+        let (n, k) = (i / (inputs / 2), i % (inputs / 2) / 8 * 16 + i % 8);
+        (weight(n, k) + 8) as u8 | ((weight(n, k + 8) + 8) as u8) << 4
+    };
+    let packed: Vec<u8> = (0..outputs * inputs / 2).map(byte).collect();
+    let x: Vec<i16> = (0..3 * inputs).map(|i| (i * 7919 % 60_001) as i16).collect();
+    let (mut want, mut got) = ([0; 15], [1; 15]);
+    super::linear_s16s8(&x, &plain, inputs, outputs, &mut want);
+    super::portable::linear_s16s4(&x, &packed, inputs, outputs, &mut got);
+    assert_eq!(want, got);
 }
 
 /// A kernel that forgets one product is found.
@@ -49,5 +69,5 @@ fn the_runner_finds_a_wrong_kernel() {
         ..CHOSEN
     };
     let mismatch = run(&wrong, &mut Box::new(Buffers::new())).expect_err("it differs");
-    assert_eq!((mismatch.transposed, mismatch.shape), (false, [1, 16, 33]));
+    assert_eq!((mismatch.which, mismatch.shape), (Which::Linear, [1, 16, 33]));
 }

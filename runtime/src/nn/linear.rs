@@ -1,23 +1,32 @@
-//! Fully connected layer, int8 weights, int16 rows (DESIGN section 4).
+//! Fully connected layer, int8 or 4-bit weights, int16 rows (DESIGN section 4).
 //!
 //! `y[r][n] = (sx[r] * sum_k q[r][k] w[n][k]) * s[n] + b[n]`; the sum is int32.
 
 use super::conv1d::{Rows, larger, row_bound, weight_norm};
-use crate::blob::{Error, Tensors};
-use crate::kernels::{linear_s16s8, wide};
+use crate::blob::{DType, Error, Tensors};
+use crate::kernels::{linear_s16s4, linear_s16s8, unpacked, wide};
 
 /// Rows that go through a transformer's layers together.
 pub const BLOCK: usize = 4;
+
+/// Weights, a row an output.
+#[derive(Debug, Clone, Copy)]
+pub enum Weights<'a> {
+    /// `[N][K]`
+    I8(&'a [i8]),
+    /// `[N][K / 2]`, packed as [`linear_s16s4`] reads them.
+    I4(&'a [u8]),
+}
 
 /// A linear layer in flash.
 #[derive(Debug, Clone, Copy)]
 pub struct Linear<'a> {
     /// Input channels `K`.
     inputs: usize,
-    /// Output channels `N`.
-    outputs: usize,
-    /// `[N][K]`
-    weights: &'a [i8],
+    /// Bytes of a row of weights: `K`, or `K / 2` of 4-bit ones.
+    stride: usize,
+    /// `[N][stride]`
+    weights: &'a [u8],
     /// `[N]`
     scales: &'a [f32],
     /// `[N]`
@@ -25,27 +34,44 @@ pub struct Linear<'a> {
 }
 
 impl<'a> Linear<'a> {
-    /// Reads weights, scales and biases from the next tensors.
+    /// Reads weights of either width, scales and biases from the next tensors.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
     #[inline(never)]
     pub fn open(tensors: &mut Tensors<'a>, inputs: u16, outputs: u16) -> Result<Self, Error> {
+        let (tensor, shape) = (tensors.take()?, [1, outputs, inputs]);
+        let packed = tensor.entry.dtype == DType::I4;
         Ok(Linear {
             inputs: usize::from(inputs),
-            outputs: usize::from(outputs),
-            weights: tensors.take()?.bytes([1, outputs, inputs])?,
+            stride: usize::from(if packed { inputs / 2 } else { inputs }),
+            weights: if packed { tensor.nibbles(shape)? } else { bytemuck::cast_slice(tensor.bytes(shape)?) },
             scales: tensors.take()?.scales(outputs)?,
             biases: tensors.take()?.singles(outputs)?,
         })
     }
 
-    /// A layer of weights `[N][K]`, scales and biases `[N]`; `None` where their lengths do not go together.
+    /// A layer of weights, scales and biases `[N]`; `None` where their lengths do not go together.
     #[must_use]
-    pub fn new(inputs: usize, weights: &'a [i8], scales: &'a [f32], biases: &'a [f32]) -> Option<Self> {
+    pub fn new(inputs: usize, weights: Weights<'a>, scales: &'a [f32], biases: &'a [f32]) -> Option<Self> {
+        let (weights, stride) = match weights {
+            Weights::I8(weights) => (bytemuck::cast_slice(weights), inputs),
+            Weights::I4(weights) => (weights, inputs / 2),
+        };
         let outputs = scales.len();
-        let fits = outputs.checked_mul(inputs) == Some(weights.len()) && biases.len() == outputs;
-        fits.then_some(Linear { inputs, outputs, weights, scales, biases })
+        let fits = outputs.checked_mul(stride) == Some(weights.len()) && biases.len() == outputs;
+        fits.then_some(Linear { inputs, stride, weights, scales, biases })
+    }
+
+    /// Whether weights are 4-bit.
+    #[must_use]
+    pub const fn packed(&self) -> bool {
+        self.stride != self.inputs
+    }
+
+    /// Weights of `count` outputs from `first` on; none where they are out of range.
+    fn rows(&self, first: usize, count: usize) -> &'a [u8] {
+        self.weights.get(first * self.stride..(first + count) * self.stride).unwrap_or(&[])
     }
 
     /// Input channels.
@@ -57,29 +83,28 @@ impl<'a> Linear<'a> {
     /// Output channels.
     #[must_use]
     pub const fn outputs(&self) -> usize {
-        self.outputs
+        self.scales.len()
     }
 
     /// Multiply-accumulates a row.
     #[must_use]
     pub const fn macs(&self) -> u64 {
-        (self.inputs * self.outputs) as u64
+        (self.inputs * self.outputs()) as u64
     }
 
     /// The layer of `count` outputs from `first` on; none where they are out of range.
     #[must_use]
     pub fn part(&self, first: usize, count: usize) -> Linear<'a> {
-        let weights = self.weights.get(first * self.inputs..(first + count) * self.inputs).unwrap_or(&[]);
+        let weights = self.rows(first, count);
         let scales = self.scales.get(first..first + count).unwrap_or(&[]);
         let biases = self.biases.get(first..first + count).unwrap_or(&[]);
-        Linear { inputs: self.inputs, outputs: scales.len(), weights, scales, biases }
+        Linear { weights, scales, biases, ..*self }
     }
 
-    /// Weights of output `n` and their scale: `w[n][k] = q[k] * scale`.
+    /// Weights of output `n` and their scale, `w[n][k] = q[k] * scale`, of int8 weights.
     #[must_use]
     pub fn row(&self, n: usize) -> (&'a [i8], f32) {
-        let weights = self.weights.get(n * self.inputs..(n + 1) * self.inputs).unwrap_or(&[]);
-        (weights, self.scales.get(n).copied().unwrap_or(0.0))
+        (bytemuck::cast_slice(self.rows(n, 1)), self.scales.get(n).copied().unwrap_or(0.0))
     }
 
     /// A bound of `|y|` when `|x| <= input` (row norms of the weights).
@@ -87,28 +112,40 @@ impl<'a> Linear<'a> {
     #[inline(never)]
     pub fn bound(&self, input: f32) -> f32 {
         let mut bound = 0.0;
-        let rows = self.weights.chunks_exact(self.inputs.max(1)).zip(self.scales).zip(self.biases);
-        for ((weights, scale), bias) in rows {
-            bound = larger(bound, row_bound(weight_norm(Some(weights)) as f32, input, *scale, *bias));
+        for (n, (scale, bias)) in self.scales.iter().zip(self.biases).enumerate() {
+            let weights = self.rows(n, 1);
+            let norm =
+                if self.packed() { packed_norm(weights) } else { weight_norm(Some(bytemuck::cast_slice(weights))) };
+            bound = larger(bound, row_bound(norm as f32, input, *scale, *bias));
         }
         bound
     }
 
-    /// Largest magnitude of a weight.
+    /// Largest magnitude of a weight, of int8 weights.
     #[must_use]
     pub fn largest(&self) -> f32 {
-        super::embedding::largest(self.weights, self.scales, self.inputs)
+        super::embedding::largest(bytemuck::cast_slice(self.weights), self.scales, self.inputs)
     }
 
     /// `out [R][N]` of `x [R][K]`. `acc` has `R N` numbers, and [`room`](crate::kernels::room) behind them.
     #[inline(never)]
     pub fn forward(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
-        let width = self.outputs.max(1);
-        linear_s16s8(x.q, self.weights, self.inputs, self.outputs, acc);
+        let (outputs, width) = (self.outputs(), self.outputs().max(1));
+        if self.packed() {
+            linear_s16s4(x.q, self.weights, self.inputs, outputs, acc);
+        } else {
+            linear_s16s8(x.q, bytemuck::cast_slice(self.weights), self.inputs, outputs, acc);
+        }
         for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
             wide(|| finish(out, acc, *sx, self.scales, self.biases));
         }
     }
+}
+
+/// Sum of magnitudes of 4-bit weights.
+#[inline(never)]
+fn packed_norm(weights: &[u8]) -> u32 {
+    weights.as_chunks().0.iter().fold(0, |sum, group| sum + weight_norm(Some(&unpacked(group))))
 }
 
 /// `y[n] = acc[n] * sx * scales[n] + biases[n]`.

@@ -81,6 +81,10 @@ impl<'a> Planner<'a> {
         let norm = LayerNorm::open(tensors, width, transformer.epsilon)?;
         let token_index = tensors.index();
         let token = Linear::open(tensors, width, codes)?;
+        if token.packed() {
+            // Its rows are embeddings as well.
+            return Err(Error::TensorShape { index: token_index, found: 0, expected: token.macs() as u32 });
+        }
         // Guidance stretches hidden rows before they meet the token layer.
         below(token.bound((1.0 + 2.0 * MAX_GUIDANCE) * norm.bound()), MAX_MAGNITUDE, token_index)?;
         Ok(Planner { tmd: Tmd { c, a }, first, global, time, boundary, position, end, fixed, stack, norm, token })

@@ -44,6 +44,7 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
     };
     let post = TransformerConfig { width: 2, heads: 1, norm: Norm::Post, activation: Activation::Relu, ..block };
     let slim = TransformerConfig { width: 2, heads: 2, hidden: 1, ..block };
+    let whole = TransformerConfig { width: 2, heads: 1, hidden: 16, ..block };
     let bank = vec![("<none>", 1), ("wave", 2)];
     let prior =
         PriorShape { text: slim, planner: TransformerConfig { width: 3, heads: 3, ..block }, ..PriorShape::default() };
@@ -64,12 +65,13 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
         ("one-stage", Shape { stages: 1, code_width: 5, ..base.clone() }),
         ("three-stages", Shape { stages: 3, max_tokens: 24, ..base.clone() }),
         ("one-token", Shape { max_tokens: 1, codes: 1, ..base.clone() }),
-        ("planner", with(prior)),
+        ("planner", with(prior.clone())),
         ("planner-of-two-layers", with(deep)),
         ("stored-prompts", with(stored.clone())),
         ("text-without-planner", with(unplanned)),
         ("anchors", with(controlled)),
         ("anchors-of-two-families", with(PriorShape { control: two, ..stored })),
+        ("planner-of-four-bits", with(PriorShape { planner: whole, packed: true, ..prior })),
     ];
     shapes.into_iter().enumerate().map(|(seed, (name, shape))| (name, Tiny::new(shape, seed as u64))).collect()
 }

@@ -9,11 +9,12 @@ use core::{hint::black_box, panic::PanicInfo};
 use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::{
+    blob::Aligned,
     hash::Stream,
     kernels::{self, check},
     nn::{
         conv1d::{BLOCK, Conv1d, Rows, Shape},
-        linear::Linear,
+        linear::{Linear, Weights},
         quantise, softmax,
     },
 };
@@ -27,6 +28,7 @@ const MOST: usize = 192 * WIDE;
 /// Everything that layers work on, beside the check's own buffers.
 struct Buffers {
     weights: [i8; MOST],
+    weights4: Aligned<[u8; 192 * 192 / 2]>,
     scales: [f32; WIDE],
     biases: [f32; WIDE],
     x: [f32; ROWS * 192],
@@ -60,6 +62,7 @@ fn main() -> ! {
     }
     let Some(buffers) = cortex_m::singleton!(: Buffers = Buffers {
         weights: [0; MOST],
+        weights4: Aligned([0; 192 * 192 / 2]),
         scales: [0.0; WIDE],
         biases: [0.0; WIDE],
         x: [0.0; ROWS * 192],
@@ -74,6 +77,7 @@ fn main() -> ! {
     buffers.fill();
     linear_49(buffers);
     linear_1(buffers);
+    linear4_49(buffers);
     conv_49(buffers);
     transposed_49(buffers);
     region!("11", softmax_rows(black_box(&mut buffers.x)));
@@ -84,6 +88,7 @@ impl Buffers {
     fn fill(&mut self) {
         let mut random = Stream::new(1);
         self.weights.fill_with(|| random.below(255) as i8);
+        self.weights4.0.fill_with(|| random.below(255) as u8);
         self.scales.fill_with(|| 0.001 + 0.001 * random.unit());
         self.biases.fill_with(|| random.unit() - 0.5);
         self.x.fill_with(|| 4.0 * random.unit() - 2.0);
@@ -92,16 +97,28 @@ impl Buffers {
 
 #[inline(never)]
 fn linear_49(b: &mut Buffers) {
-    let Some(layer) = Linear::new(192, &b.weights[..192 * 192], &b.scales[..192], &b.biases[..192]) else { return };
+    let Some(layer) = Linear::new(192, Weights::I8(&b.weights[..192 * 192]), &b.scales[..192], &b.biases[..192]) else { return };
     region!("1", linear(&layer, &b.x, &mut b.out, &mut b.q, &mut b.row_scales, &mut b.acc));
     region!("2", kernel(&b.q, &b.weights[..192 * 192], 192, 192, &mut b.acc));
 }
 
 #[inline(never)]
 fn linear_1(b: &mut Buffers) {
-    let Some(layer) = Linear::new(192, &b.weights, &b.scales, &b.biases) else { return };
+    let Some(layer) = Linear::new(192, Weights::I8(&b.weights), &b.scales, &b.biases) else { return };
     region!("3", linear(&layer, &b.x[..192], &mut b.out[..WIDE], &mut b.q, &mut b.row_scales, &mut b.acc));
     region!("4", kernel(&b.q[..192], &b.weights, 192, WIDE, &mut b.acc));
+}
+
+#[inline(never)]
+fn linear4_49(b: &mut Buffers) {
+    let weights = &b.weights4.0;
+    let Some(layer) = Linear::new(192, Weights::I4(weights), &b.scales[..192], &b.biases[..192]) else { return };
+    region!("9", linear(&layer, &b.x, &mut b.out, &mut b.q, &mut b.row_scales, &mut b.acc));
+    region!("10", {
+        for q in b.q.chunks(BLOCK * 192) {
+            kernels::linear_s16s4(q, weights, 192, 192, &mut b.acc);
+        }
+    });
 }
 
 #[inline(never)]

@@ -79,11 +79,13 @@ const fn region(number: usize, name: &'static str, work: u64, budget: Option<f64
     Region { number, name, work, budget, peers }
 }
 
-const REGIONS: [Region; 9] = [
+const REGIONS: [Region; 11] = [
     region(1, "linear_49x192x192", LINEAR, Some(0.97), [Some(1.71), Some(0.40)]),
     region(2, "linear_49x192x192_kernel", LINEAR, Some(0.86), [None, None]),
     region(3, "linear_1x192x768", ROW, Some(1.30), [Some(2.13), Some(1.04)]),
     region(4, "linear_1x192x768_kernel", ROW, None, [None, None]),
+    region(9, "linear4_49x192x192", LINEAR, None, [Some(5.13), Some(0.51)]),
+    region(10, "linear4_49x192x192_kernel", LINEAR, None, [None, None]),
     region(5, "conv3_49x128x128", CONVOLUTION, Some(0.95), [Some(1.80), Some(0.40)]),
     region(6, "conv3_49x128x128_kernel", 3 * 49 * 128 * 128, None, [None, None]),
     region(7, "linear_transposed_49x192x192", LINEAR, Some(0.97), [None, None]),
@@ -269,9 +271,9 @@ fn page(all: &[Counted], object: &Value) -> Result<String> {
     }
     writeln!(page, "\nCommit {}.\n", object["commit"].as_str().unwrap_or("unknown"))?;
     page += "## Kernels\n\nInstructions a multiply-accumulate, int16 activations by int8 weights, the whole op from f32 rows to \
-             f32 rows; `_kernel` is the integer part alone, rows already int16. Softmax: instructions an element. CMSIS-NN: its \
+             f32 rows; `_kernel` is the integer part alone, rows already int16; `linear4`: 4-bit weights. Softmax: instructions an element. CMSIS-NN: its \
              best kernel of the kind, int8 by int8 on M4, M7 and M33, int16 by int8 on M55 (for a convolution, its 1x1; its int8 \
-             kernels take 0.22 to 0.54 there); softmax_s16. Only taps inside the \
+             kernels take 0.22 to 0.54 there), for 4-bit weights its fully_connected_s4; softmax_s16. Only taps inside the \
              sequence count as work of the convolution.\n\n";
     page += "| kernel |";
     for counted in all {

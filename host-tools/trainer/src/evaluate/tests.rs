@@ -257,7 +257,8 @@ fn generators_replay_and_agree_with_the_decoder() {
     let blob = |hash: String| {
         let card =
             convert::CardText { name: "tiny".into(), licence: String::new(), data: String::new(), checkpoint: hash };
-        let source = convert::PriorSource { checkpoint: &second, bank: &[], text_encoder: true, control: None };
+        let source =
+            convert::PriorSource { checkpoint: &second, bank: &[], text_encoder: true, control: None, cases: &[] };
         let options = &convert::Options::PLAIN;
         convert::convert_with_prior(&first, Some(source), options, &[], &card, |_| ()).unwrap().blob
     };

@@ -3,10 +3,11 @@
 //! Rows go through panels of four, in the room behind the accumulators. Few rows meet the int8 weights as they lie in
 //! flash (13 instructions for 16 products); for many, and for transposed weights, four channels at a time are widened to
 //! int16 first (11, and 1.1 or 1.8 a weight). What does not come in fours of inputs and channels goes the portable way.
+//! 4-bit weights are stored in the order in which masks find the pairs of a panel: 49 instructions for 64 products.
 //!
 //! Words are loaded from any address, so `CCR.UNALIGN_TRP` stays clear, as it is after a reset.
 
-use super::super::portable;
+use super::super::portable::{self, GROUP};
 use core::arch::global_asm;
 
 // The assembler takes the DSP extension for granted on Armv7E-M only.
@@ -24,14 +25,18 @@ const FEW: usize = 3;
 /// Numbers of a panel or a wide tile, a quad.
 const PANEL: usize = 8;
 
+/// A kernel of four rows: weights, panel, quads, accumulators, channels, bytes from row to row of accumulators.
+type Dot4 = unsafe extern "C" fn(*const u8, *const i32, usize, *mut i32, usize, usize);
+
 unsafe extern "C" {
     fn mtn_pack4(rows: *const [*const i16; FOUR], panel: *mut i32, quads: usize);
     fn mtn_pack1(row: *const i16, panel: *mut i32, quads: usize);
     fn mtn_widen4(w: *const i8, row_bytes: usize, quads: usize, tile: *mut i32);
     fn mtn_widen4_transposed(w: *const i8, row_bytes: usize, quads: usize, tile: *mut i32);
-    fn mtn_dot4_s8(w: *const i8, panel: *const i32, quads: usize, acc: *mut i32, channels: usize, row_bytes: usize);
+    fn mtn_dot4_s8(w: *const u8, panel: *const i32, quads: usize, acc: *mut i32, channels: usize, row_bytes: usize);
     fn mtn_dot4_s16(tile: *const i32, panels: *const i32, quads: usize, acc: *mut i32, groups: usize, row_bytes: usize);
     fn mtn_dot1_s8(w: *const i8, row: *const i32, steps: usize, acc: *mut i32, bytes: usize, row_bytes: usize);
+    fn mtn_dot4_s4(w: *const u8, panel: *const i32, quads: usize, acc: *mut i32, channels: usize, row_bytes: usize);
     fn mtn_dot1_transposed(w: *const i8, row_bytes: usize, row: *const i16, pairs: usize, acc: *mut i32);
 }
 
@@ -39,6 +44,13 @@ unsafe extern "C" {
 pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
     if try_linear(x, w, inputs, outputs, acc).is_none() {
         portable::linear_s16s8(x, w, inputs, outputs, acc);
+    }
+}
+
+/// See [`portable::linear_s16s4`].
+pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    if try_linear_s4(x, w, inputs, outputs, acc).is_none() {
+        portable::linear_s16s4(x, w, inputs, outputs, acc);
     }
 }
 
@@ -68,12 +80,7 @@ fn try_linear(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32
         return Some(());
     }
     if rows >= FOUR {
-        for first in fours(rows) {
-            let x = x.get(first * inputs..)?;
-            pack4([x, x.get(inputs..)?, x.get(2 * inputs..)?, x.get(3 * inputs..)?], quads, room)?;
-            dot4_s8(w, room, quads, outputs, acc.get_mut(first * outputs..)?)?;
-        }
-        return Some(());
+        return by_fours(mtn_dot4_s8, x, (bytemuck::cast_slice(w), inputs), [rows, inputs, outputs], acc, room);
     }
     let whole = outputs & !1;
     for (x, acc) in x.chunks_exact(inputs.max(1)).zip(acc.chunks_exact_mut(outputs.max(1))) {
@@ -81,6 +88,42 @@ fn try_linear(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32
         dot1_s8(w, room, quads, acc.get_mut(..whole)?)?;
         let (w, acc) = (w.get(whole * inputs..)?, acc.get_mut(whole..)?);
         portable::linear_s16s8(x, w, inputs, acc.len(), acc);
+    }
+    Some(())
+}
+
+/// `None` where the fast way does not suit; `acc` may then hold anything.
+fn try_linear_s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) -> Option<()> {
+    let rows = x.len().checked_div(inputs)?;
+    // It loads weights as words.
+    if !inputs.is_multiple_of(GROUP) || !w.as_ptr().addr().is_multiple_of(FOUR) {
+        return None;
+    }
+    // Four rows are made of fewer as well, the others in the room.
+    let (acc, room) = acc.split_at_mut_checked(rows.max(FOUR) * outputs)?;
+    by_fours(mtn_dot4_s4, x, (w, inputs / 2), [rows, inputs, outputs], acc, room)
+}
+
+/// `acc [rows][outputs]`, at least four rows, by a kernel that reads rows of `stride` bytes of weights.
+#[inline(never)]
+fn by_fours(
+    kernel: Dot4,
+    x: &[i16],
+    (w, stride): (&[u8], usize),
+    [rows, inputs, outputs]: [usize; 3],
+    acc: &mut [i32],
+    room: &mut [i32],
+) -> Option<()> {
+    let quads = inputs / FOUR;
+    if w.len() < outputs * stride || quads == 0 || outputs == 0 {
+        return None;
+    }
+    for first in fours(rows) {
+        pack4(four(x, first, rows, inputs)?, quads, room)?;
+        let acc = acc.get_mut(first * outputs..(first + FOUR) * outputs)?;
+        let row_bytes = size_of::<i32>() * outputs;
+        // SAFETY: it reads so many weights and the panel, and writes four rows of `outputs` numbers, which are there.
+        unsafe { kernel(w.as_ptr(), room.as_ptr(), quads, acc.as_mut_ptr(), outputs, row_bytes) };
     }
     Some(())
 }
@@ -118,16 +161,21 @@ fn fours(count: usize) -> impl Iterator<Item = usize> {
     (0..count).step_by(FOUR).map(move |first| if first < last { first } else { last })
 }
 
+/// Four rows of `x [rows][width]` from `first` on; those that are missing repeat the last.
+fn four(x: &[i16], first: usize, rows: usize, width: usize) -> Option<[&[i16]; FOUR]> {
+    let row = |r: usize| {
+        let r = if first + r < rows { first + r } else { rows - 1 };
+        x.get(r * width..(r + 1) * width)
+    };
+    Some([row(0)?, row(1)?, row(2)?, row(3)?])
+}
+
 /// Packs `x [rows][width]` into panels where [`fours`] says; rows that are missing repeat the last, inputs are 0.
 fn pack(x: &[i16], rows: usize, width: usize, panels: &mut [i32]) -> Option<()> {
     let (quads, rest) = (width / FOUR, width % FOUR);
     let all = PANEL * width.div_ceil(FOUR);
     for (first, panel) in fours(rows).zip(panels.chunks_exact_mut(all.max(1))) {
-        let row = |r: usize| {
-            let r = if first + r < rows { first + r } else { rows - 1 };
-            x.get(r * width..(r + 1) * width)
-        };
-        let four = [row(0)?, row(1)?, row(2)?, row(3)?];
+        let four = four(x, first, rows, width)?;
         pack4(four, quads, panel)?;
         if rest > 0 {
             let mut ends = [[0i16; FOUR]; FOUR];
@@ -214,17 +262,6 @@ fn widen4_transposed(w: &[i8], inputs: usize, outputs: usize, tile: &mut [i32]) 
         // SAFETY: it reads the 4 x 4 bytes of `ends` and writes eight numbers, which were asked for above.
         unsafe { mtn_widen4_transposed(ends.as_ptr().cast(), FOUR, 1, tile.as_mut_ptr()) };
     }
-    Some(())
-}
-
-/// `acc [4][outputs]` of a panel and `w [outputs][4 quads]`.
-fn dot4_s8(w: &[i8], panel: &[i32], quads: usize, outputs: usize, acc: &mut [i32]) -> Option<()> {
-    let fits = w.len() >= outputs * FOUR * quads && panel.len() >= PANEL * quads && acc.len() >= FOUR * outputs;
-    if !fits || quads == 0 || outputs == 0 {
-        return None;
-    }
-    // SAFETY: it reads so many weights and the panel, and writes four rows of `outputs` numbers, which are there.
-    unsafe { mtn_dot4_s8(w.as_ptr(), panel.as_ptr(), quads, acc.as_mut_ptr(), outputs, size_of::<i32>() * outputs) };
     Some(())
 }
 

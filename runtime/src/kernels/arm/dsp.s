@@ -52,6 +52,29 @@
   smlad \sum, r3, r11, \sum
 .endm
 
+@ One pair of inputs, the weights that lie \shift bits up in \word, by four rows. r12 holds the mask 000f000f.
+.macro mtn_pair_s4 word, shift
+  ldm r1!, {r8-r11}
+  and lr, r12, \word, lsr #\shift
+  smlad r4, lr, r8, r4
+  smlad r5, lr, r9, r5
+  smlad r6, lr, r10, r6
+  smlad r7, lr, r11, r7
+.endm
+
+@ One group of sixteen inputs of four rows by one channel of 4-bit weights: 64 products in 49 instructions.
+.macro mtn_step_s4
+  ldrd r2, r3, [r0], #8
+  mtn_pair_s4 r2, 0
+  mtn_pair_s4 r2, 8
+  mtn_pair_s4 r3, 0
+  mtn_pair_s4 r3, 8
+  mtn_pair_s4 r2, 4
+  mtn_pair_s4 r2, 12
+  mtn_pair_s4 r3, 4
+  mtn_pair_s4 r3, 12
+.endm
+
 @ r4 <- address in a loop of eight steps of \bytes each at \loop, such that r2 steps remain in whole loops.
 .macro mtn_entry bytes, loop
   rsb r4, r2, #0
@@ -312,6 +335,75 @@ mtn_dot1_s8:
   cmp r12, r3
   bne 2b
   add sp, sp, #20
+  pop {r4-r11, pc}
+
+@ mtn_dot4_s4(w, panel, quads, acc, channels, row bytes of acc): four rows by 4-bit channels that follow each other. Weights are
+@ stored with 8 added, so sums begin at -8 times those of their rows.
+.section .text.mtn_dot4_s4, "ax", %progbits
+.p2align 2
+.global mtn_dot4_s4
+.type mtn_dot4_s4, %function
+.thumb_func
+mtn_dot4_s4:
+  push {r4-r11, lr}
+  sub sp, sp, #44
+  movs r4, #0
+  movs r5, #0
+  movs r6, #0
+  movs r7, #0
+  mov r12, #0x00010001
+  add lr, r1, r2, lsl #5
+  strd r1, lr, [sp]
+1:
+  ldm r1!, {r8-r11}
+  smlad r4, r12, r8, r4
+  smlad r5, r12, r9, r5
+  smlad r6, r12, r10, r6
+  smlad r7, r12, r11, r7
+  cmp r1, lr
+  bne 1b
+  movs r1, #0
+  sub r4, r1, r4, lsl #3
+  sub r5, r1, r5, lsl #3
+  sub r6, r1, r6, lsl #3
+  sub r7, r1, r7, lsl #3
+  strd r4, r5, [sp, #24]
+  strd r6, r7, [sp, #32]
+  mov r12, #0x000f000f
+  adr r4, 3f
+  tst r2, #4
+  it ne
+  addne r4, r4, #196
+  orr r4, r4, #1
+  ldr r6, [sp, #80]
+  ldr r7, [sp, #84]
+  add r6, r3, r6, lsl #2
+  strd r4, r3, [sp, #8]
+  strd r6, r7, [sp, #16]
+2:
+  ldrd r4, r5, [sp, #24]
+  ldrd r6, r7, [sp, #32]
+  ldr r1, [sp]
+  ldr pc, [sp, #8]
+  .p2align 2
+3:
+  .rept 2
+  mtn_step_s4
+  .endr
+  ldr lr, [sp, #4]
+  cmp r1, lr
+  bne 3b
+  ldrd r8, r9, [sp, #12]
+  ldr r10, [sp, #20]
+  add r11, r8, r10, lsl #1
+  str r5, [r8, r10]
+  str r4, [r8], #4
+  str r7, [r11, r10]
+  str r6, [r11]
+  str r8, [sp, #12]
+  cmp r8, r9
+  bne 2b
+  add sp, sp, #44
   pop {r4-r11, pc}
 
 @ mtn_dot1_transposed(w, row bytes of w, row, pairs, acc): two rows of w for each pair of inputs; four columns.

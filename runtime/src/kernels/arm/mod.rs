@@ -7,6 +7,6 @@ mod dsp;
 mod mve;
 
 #[cfg(kernels = "dsp")]
-pub use dsp::{linear_s16s8, linear_transposed_s16s8};
+pub use dsp::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(kernels = "mve")]
-pub use mve::{linear_s16s8, linear_transposed_s16s8};
+pub use mve::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};

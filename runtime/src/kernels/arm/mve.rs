@@ -1,6 +1,6 @@
 //! Armv8.1-M with integer MVE: Cortex-M55, M85.
 
-use super::super::portable;
+use super::super::portable::{self, GROUP};
 use core::arch::global_asm;
 
 global_asm!(".cpu cortex-m55", include_str!("mve.s"), options(raw));
@@ -16,7 +16,7 @@ const REACH: usize = u16::MAX as usize / 8;
 struct Shape {
     x: *const i16,
     x_bytes: usize,
-    w: *const i8,
+    w: *const u8,
     terms: usize,
     acc: *mut i32,
     acc_bytes: usize,
@@ -26,6 +26,7 @@ struct Shape {
 
 unsafe extern "C" {
     fn mtn_mve_dot3(shape: *const Shape);
+    fn mtn_mve_dot3_s4(shape: *const Shape);
     fn mtn_mve_dot3_transposed(shape: *const Shape);
 }
 
@@ -36,6 +37,16 @@ pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mu
         return portable::linear_s16s8(x, w, inputs, outputs, acc);
     };
     each(x, w, [rows, inputs, outputs], acc, inputs, |channel| channel * inputs, mtn_mve_dot3);
+}
+
+/// See [`portable::linear_s16s4`].
+pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    let row = inputs / 2;
+    let fits = outputs >= CHANNELS && inputs.is_multiple_of(GROUP) && w.len() >= row * outputs;
+    let Some(rows) = present(x, inputs, outputs, acc).filter(|_| fits) else {
+        return portable::linear_s16s4(x, w, inputs, outputs, acc);
+    };
+    each(x, w, [rows, inputs, outputs], acc, row, |channel| channel * row, mtn_mve_dot3_s4);
 }
 
 /// See [`portable::linear_transposed_s16s8`].
@@ -55,9 +66,9 @@ fn present(x: &[i16], terms: usize, channels: usize, acc: &[i32]) -> Option<usiz
 
 /// Calls `kernel` for every three rows, the last three overlapping those before, or for single rows; and for every two
 /// channels, the last two likewise. `start` is where a channel's weights begin.
-fn each(
+fn each<W>(
     x: &[i16],
-    w: &[i8],
+    w: &[W],
     [rows, terms, channels]: [usize; 3],
     acc: &mut [i32],
     w_bytes: usize,
@@ -76,7 +87,7 @@ fn each(
             };
             // A single row is made three times over.
             let (x_bytes, acc_bytes) = if step == 1 { (0, 0) } else { (2 * terms, size_of::<i32>() * channels) };
-            let (x, w, acc) = (x.as_ptr(), w.as_ptr(), acc.as_mut_ptr());
+            let (x, w, acc) = (x.as_ptr(), w.as_ptr().cast(), acc.as_mut_ptr());
             let shape = Shape { x, x_bytes, w, terms, acc, acc_bytes, pairs, w_bytes };
             // SAFETY: the caller has checked that `step` rows of x and of acc, and the weights of all channels, are there.
             unsafe { kernel(&raw const shape) };

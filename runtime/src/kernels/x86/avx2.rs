@@ -1,6 +1,7 @@
 //! AVX2: 16 products an instruction, added in pairs (`vpmaddwd`). A pair cannot overflow: a weight is at most 128.
 
 use super::rows::{by_rows, in_steps, padded, pair, present, put, row, tiles};
+use crate::kernels::{GROUP, GROUP_BYTES};
 use core::arch::x86_64::*;
 
 /// Products of a step.
@@ -21,6 +22,14 @@ pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mu
     by_rows!(forward, x, inputs, acc, outputs, w);
 }
 
+/// See [`super::portable::linear_s16s4`].
+#[target_feature(enable = "avx2")]
+pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    if inputs.is_multiple_of(GROUP) {
+        by_rows!(forward_s4, x, inputs, acc, outputs, w);
+    }
+}
+
 /// See [`super::portable::linear_transposed_s16s8`].
 #[target_feature(enable = "avx2")]
 pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
@@ -29,13 +38,25 @@ pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usiz
 
 #[target_feature(enable = "avx2")]
 fn forward<const R: usize>(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    tiles(x, w, inputs, outputs, acc, |x: [_; R], w| tile(x, w, inputs));
+    tiles(x, (w, inputs), inputs, outputs, acc, |x: [_; R], w| {
+        tile(x, w, inputs, |w| _mm256_cvtepi8_epi16(load_i8(w)))
+    });
+}
+
+#[target_feature(enable = "avx2")]
+fn forward_s4<const R: usize>(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    tiles(x, (w, inputs / 2), inputs, outputs, acc, |x: [_; R], w| tile(x, w, inputs, |w| load_s4(w)));
 }
 
 /// Dot products of `R` rows and two outputs.
 #[inline]
 #[target_feature(enable = "avx2")]
-fn tile<const R: usize>(x: [&[i16]; R], w: [&[i8]; OUTPUTS], inputs: usize) -> [[i32; OUTPUTS]; R] {
+fn tile<const R: usize, const S: usize, W: Copy + Default>(
+    x: [&[i16]; R],
+    w: [&[W]; OUTPUTS],
+    inputs: usize,
+    load: impl Fn(&[W; S]) -> __m256i,
+) -> [[i32; OUTPUTS]; R] {
     let steps = inputs / STEP;
     let (mut x_windows, mut w_windows): ([&[_]; R], [&[_]; OUTPUTS]) = ([&[]; R], [&[]; OUTPUTS]);
     for (windows, row) in x_windows.iter_mut().zip(x) {
@@ -50,7 +71,7 @@ fn tile<const R: usize>(x: [&[i16]; R], w: [&[i8]; OUTPUTS], inputs: usize) -> [
             let mut weights = [_mm256_setzero_si256(); OUTPUTS];
             for (weights, row) in weights.iter_mut().zip(w_windows) {
                 // SAFETY: every row has `steps` windows.
-                *weights = _mm256_cvtepi8_epi16(load_i8(unsafe { row.get_unchecked(step) }));
+                *weights = load(unsafe { row.get_unchecked(step) });
             }
             for (sums, row) in sums.iter_mut().zip(x_windows) {
                 // SAFETY: as above.
@@ -61,7 +82,7 @@ fn tile<const R: usize>(x: [&[i16]; R], w: [&[i8]; OUTPUTS], inputs: usize) -> [
     if steps * STEP < inputs {
         let mut weights = [_mm256_setzero_si256(); OUTPUTS];
         for (weights, row) in weights.iter_mut().zip(w) {
-            *weights = _mm256_cvtepi8_epi16(load_i8(&padded(row, steps * STEP)));
+            *weights = load(&padded(row, steps * S));
         }
         for (sums, row) in sums.iter_mut().zip(x) {
             multiply(sums, load_i16(&padded(row, steps * STEP)), weights);
@@ -160,6 +181,16 @@ fn load_i16(x: &[i16; STEP]) -> __m256i {
 fn load_i8(x: &[i8; STEP]) -> __m128i {
     // SAFETY: the array has the 16 bytes that are read.
     unsafe { _mm_loadu_si128(x.as_ptr().cast()) }
+}
+
+/// One group of weights.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn load_s4(w: &[u8; GROUP_BYTES]) -> __m256i {
+    let both = _mm_cvtsi64_si128(i64::from_le_bytes(*w));
+    let halves = _mm_unpacklo_epi64(both, _mm_srli_epi16::<4>(both));
+    let weights = _mm_sub_epi8(_mm_and_si128(halves, _mm_set1_epi8(15)), _mm_set1_epi8(8));
+    _mm256_cvtepi8_epi16(weights)
 }
 
 #[inline]

@@ -1,6 +1,7 @@
 //! AVX-512 with VNNI: 32 products an instruction (`vpdpwssd`), accumulated without saturation.
 
 use super::rows::{by_rows, in_steps, padded, pair, present, put, row, tiles};
+use crate::kernels::{GROUP, GROUP_BYTES};
 use core::arch::x86_64::*;
 
 /// Products of a step.
@@ -14,6 +15,14 @@ pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mu
     by_rows!(forward, x, inputs, acc, outputs, w);
 }
 
+/// See [`super::portable::linear_s16s4`].
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
+pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    if inputs.is_multiple_of(GROUP) {
+        by_rows!(forward_s4, x, inputs, acc, outputs, w);
+    }
+}
+
 /// See [`super::portable::linear_transposed_s16s8`].
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
 pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
@@ -22,13 +31,25 @@ pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usiz
 
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
 fn forward<const R: usize>(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    tiles(x, w, inputs, outputs, acc, |x: [_; R], w| tile(x, w, inputs));
+    tiles(x, (w, inputs), inputs, outputs, acc, |x: [_; R], w| {
+        tile(x, w, inputs, |w| _mm512_cvtepi8_epi16(load_i8(w)))
+    });
+}
+
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
+fn forward_s4<const R: usize>(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    tiles(x, (w, inputs / 2), inputs, outputs, acc, |x: [_; R], w| tile(x, w, inputs, |w| load_s4(w)));
 }
 
 /// Dot products of `R` rows and four outputs.
 #[inline]
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
-fn tile<const R: usize>(x: [&[i16]; R], w: [&[i8]; OUTPUTS], inputs: usize) -> [[i32; OUTPUTS]; R] {
+fn tile<const R: usize, const S: usize, W: Copy + Default>(
+    x: [&[i16]; R],
+    w: [&[W]; OUTPUTS],
+    inputs: usize,
+    load: impl Fn(&[W; S]) -> __m512i,
+) -> [[i32; OUTPUTS]; R] {
     let steps = inputs / STEP;
     let (mut x_windows, mut w_windows): ([&[_]; R], [&[_]; OUTPUTS]) = ([&[]; R], [&[]; OUTPUTS]);
     for (windows, row) in x_windows.iter_mut().zip(x) {
@@ -43,7 +64,7 @@ fn tile<const R: usize>(x: [&[i16]; R], w: [&[i8]; OUTPUTS], inputs: usize) -> [
             let mut weights = [_mm512_setzero_si512(); OUTPUTS];
             for (weights, row) in weights.iter_mut().zip(w_windows) {
                 // SAFETY: every row has `steps` windows.
-                *weights = _mm512_cvtepi8_epi16(load_i8(unsafe { row.get_unchecked(step) }));
+                *weights = load(unsafe { row.get_unchecked(step) });
             }
             for (sums, row) in sums.iter_mut().zip(x_windows) {
                 // SAFETY: as above.
@@ -54,7 +75,7 @@ fn tile<const R: usize>(x: [&[i16]; R], w: [&[i8]; OUTPUTS], inputs: usize) -> [
     if steps * STEP < inputs {
         let mut weights = [_mm512_setzero_si512(); OUTPUTS];
         for (weights, row) in weights.iter_mut().zip(w) {
-            *weights = _mm512_cvtepi8_epi16(load_i8(&padded(row, steps * STEP)));
+            *weights = load(&padded(row, steps * S));
         }
         for (sums, row) in sums.iter_mut().zip(x) {
             multiply(sums, load_i16(&padded(row, steps * STEP)), weights);
@@ -159,6 +180,18 @@ fn load_i16(x: &[i16; STEP]) -> __m512i {
 fn load_i8(x: &[i8; STEP]) -> __m256i {
     // SAFETY: the array has the 32 bytes that are read.
     unsafe { _mm256_loadu_si256(x.as_ptr().cast()) }
+}
+
+/// Two groups of weights.
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+fn load_s4(w: &[u8; 2 * GROUP_BYTES]) -> __m512i {
+    // SAFETY: the array has the 16 bytes that are read.
+    let both = unsafe { _mm_loadu_si128(w.as_ptr().cast()) };
+    let high = _mm_srli_epi16::<4>(both);
+    let groups = _mm256_set_m128i(_mm_unpackhi_epi64(both, high), _mm_unpacklo_epi64(both, high));
+    let weights = _mm256_sub_epi8(_mm256_and_si256(groups, _mm256_set1_epi8(15)), _mm256_set1_epi8(8));
+    _mm512_cvtepi8_epi16(weights)
 }
 
 #[inline]

@@ -15,6 +15,12 @@ pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mu
     Isa::best().linear_s16s8(x, w, inputs, outputs, acc);
 }
 
+/// `portable::linear_s16s4`, as fast as this machine can.
+#[inline]
+pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    Isa::best().linear_s16s4(x, w, inputs, outputs, acc);
+}
+
 /// `portable::linear_transposed_s16s8`, as fast as this machine can.
 #[inline]
 pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
@@ -41,6 +47,17 @@ impl Isa {
             Isa::Avx2 => unsafe { avx2::linear_s16s8(x, w, inputs, outputs, acc) },
             // SAFETY: as above.
             Isa::Avx512 => unsafe { avx512::linear_s16s8(x, w, inputs, outputs, acc) },
+        }
+    }
+
+    /// `portable::linear_s16s4` by these instructions, or by the best that there are if these are missing.
+    pub fn linear_s16s4(self, x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+        match self.supported() {
+            Isa::Portable => portable::linear_s16s4(x, w, inputs, outputs, acc),
+            // SAFETY: `supported` returns only what processor and system support.
+            Isa::Avx2 => unsafe { avx2::linear_s16s4(x, w, inputs, outputs, acc) },
+            // SAFETY: as above.
+            Isa::Avx512 => unsafe { avx512::linear_s16s4(x, w, inputs, outputs, acc) },
         }
     }
 

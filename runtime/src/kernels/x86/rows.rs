@@ -12,27 +12,27 @@ pub fn in_steps<T, const N: usize>(row: &[T], steps: usize) -> &[[T; N]] {
     row.as_chunks().0.get(..steps).unwrap_or(&[])
 }
 
-/// `acc[r][n] = tile(x[r], w[n])` for `R` rows, `N` outputs at a time. A tile gets whole rows; at the end its last
-/// output is repeated.
+/// `acc[r][n] = tile(x[r], w[n])` for `R` rows, `N` outputs at a time; a row of `w` is `stride` long. A tile gets whole rows;
+/// at the end its last output is repeated.
 #[inline(always)]
-pub fn tiles<const R: usize, const N: usize>(
+pub fn tiles<const R: usize, const N: usize, W>(
     x: &[i16],
-    w: &[i8],
+    (w, stride): (&[W], usize),
     inputs: usize,
     outputs: usize,
     acc: &mut [i32],
-    tile: impl Fn([&[i16]; R], [&[i8]; N]) -> [[i32; N]; R],
+    tile: impl Fn([&[i16]; R], [&[W]; N]) -> [[i32; N]; R],
 ) {
-    let count = present(w, inputs, outputs);
+    let count = present(w, stride, outputs);
     let mut x_rows: [&[i16]; R] = [&[]; R];
     for (r, x_row) in x_rows.iter_mut().enumerate() {
         *x_row = row(x, r, inputs);
     }
-    let (mut rest, mut last): (&[i8], &[i8]) = (w, &[]);
+    let (mut rest, mut last): (&[W], &[W]) = (w, &[]);
     for first in (0..count).step_by(N) {
-        let mut w_rows: [&[i8]; N] = [&[]; N];
+        let mut w_rows: [&[W]; N] = [&[]; N];
         for w_row in &mut w_rows {
-            (last, rest) = rest.split_at_checked(inputs).unwrap_or((last, &[]));
+            (last, rest) = rest.split_at_checked(stride).unwrap_or((last, &[]));
             *w_row = last;
         }
         for (r, sums) in tile(x_rows, w_rows).iter().enumerate() {
@@ -41,10 +41,10 @@ pub fn tiles<const R: usize, const N: usize>(
     }
 }
 
-/// Rows of `w [outputs][inputs]` that there are.
+/// Rows of `w [outputs][stride]` that there are.
 #[inline(always)]
-pub fn present(w: &[i8], inputs: usize, outputs: usize) -> usize {
-    let present = w.len() / inputs;
+pub fn present<W>(w: &[W], stride: usize, outputs: usize) -> usize {
+    let present = w.len() / stride;
     if present < outputs { present } else { outputs }
 }
 
