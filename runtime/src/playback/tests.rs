@@ -97,7 +97,7 @@ fn angles_that_made_a_pose_are_found_again() {
     let (robot, standing) = (whole_body(), standing());
     let mut random = Stream::new(5);
     let (mut sum, mut count) = (0.0, 0);
-    for _ in 0..200 {
+    for _ in 0..60 {
         // From one pose to the next on a line, as frames come.
         let mut draw = || -> Vec<f32> {
             let inside = |c: &Channel, u: f32| c.range[0] + (0.06 + 0.88 * u) * (c.range[1] - c.range[0]);
@@ -105,8 +105,8 @@ fn angles_that_made_a_pose_are_found_again() {
         };
         let (from, to) = (draw(), draw());
         let mut mapper = Mapper::new(&robot);
-        for k in 0..=10 {
-            let angles: Vec<f32> = from.iter().zip(&to).map(|(a, b)| a + (b - a) * k as f32 / 10.0).collect();
+        for k in 0..=40 {
+            let angles: Vec<f32> = from.iter().zip(&to).map(|(a, b)| a + (b - a) * k as f32 / 40.0).collect();
             let pose = reach(&robot, &standing, &angles);
             let found = mapper.map(&robot, &pose);
             let again = reach(&robot, &pose, &found);
