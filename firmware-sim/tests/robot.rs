@@ -152,3 +152,11 @@ fn orders_work_in_the_middle_of_a_motion_and_of_a_fault() {
         );
     }
 }
+
+#[test]
+fn the_boards_robot_is_the_preset() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("boards/pico2/robot.bin");
+    let packed = robot_file::pack(&robot("upper-body")).unwrap();
+    let same = std::fs::read(&path).unwrap() == packed;
+    assert!(same, "robot.bin is stale: motionette robot pack upper-body -o firmware-sim/boards/pico2/robot.bin");
+}

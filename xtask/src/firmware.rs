@@ -91,6 +91,18 @@ pub fn image_cargo(toolchain: Toolchain, subcommand: &str, core: &Core, image: &
     cargo
 }
 
+/// Folder of the Pico 2's package.
+pub fn pico2() -> PathBuf {
+    shell::root().join("firmware-sim/boards/pico2")
+}
+
+/// `cargo SUBCOMMAND` for the Pico 2's image, in release, into the toolchain's own folder.
+pub fn pico2_cargo(toolchain: Toolchain, subcommand: &str) -> Command {
+    let mut cargo = toolchain.cargo(subcommand, THUMB_V8);
+    cargo.args(["--release", "--target-dir"]).arg(Path::new("target").join(toolchain.name())).current_dir(pico2());
+    cargo
+}
+
 /// Compiles runtime and device link for a core without floating-point unit; nothing is linked or run.
 fn build_runtime(toolchain: Toolchain, target: &str) -> Result<()> {
     let mut cargo = toolchain.cargo("build", target);
@@ -113,6 +125,12 @@ pub fn build_all() -> Result<()> {
             println!("{}: {}", core.title, relative(&image?));
         }
     }
+    shell::run(&mut pico2_cargo(toolchain, "build"))?;
+    let image = pico2().join("target").join(toolchain.name()).join(THUMB_V8).join("release/pico2");
+    println!("Raspberry Pi Pico 2: {}", relative(&image));
+    let mut size = shell::cargo();
+    size.args(["run", "--quiet", "--release", "--package", "motionette-twin", "--bin", "motionette-board", "--"]);
+    shell::run(size.arg(&image).arg("models/nano.blob").current_dir(shell::root()))?;
     for (core, target) in [("Cortex-M0, M0+", THUMB_V6), ("RISC-V without FPU", RISCV)] {
         build_runtime(toolchain, target)?;
         println!("{core}: runtime and link compile");

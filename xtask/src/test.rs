@@ -32,8 +32,8 @@ enum Step {
     Test,
     /// A bounded run of the fuzzer.
     Fuzz,
-    /// The images for the Cortex-M4F, M7, M33 and M55 build, a planted panic fails the gate, and the runtime builds for cores
-    /// without FPU.
+    /// The images for the Cortex-M4F, M7, M33 and M55 build, a planted panic fails the gate, the Pico 2's firmware builds and fits, and
+    /// the runtime builds for cores without FPU.
     Firmware,
     /// The C library: its header is current, its example runs in QEMU and prints what the desktop does.
     C,
@@ -134,7 +134,7 @@ fn set_up() -> Result<()> {
 fn fmt() -> Result<()> {
     setup::ensure_components()?;
     shell::run(shell::cargo().args(["fmt", "--all", "--check"]))?;
-    for package in [firmware::package(), c::package(), bench::package()] {
+    for package in [firmware::package(), firmware::pico2(), c::package(), bench::package()] {
         shell::run(shell::cargo().args(["fmt", "--check"]).current_dir(package))?;
     }
     Ok(())
@@ -148,6 +148,7 @@ fn clippy() -> Result<()> {
         let mut clippy = firmware::image_cargo(toolchain, "clippy", &firmware::M4, image, feature);
         shell::run(clippy.args(["--", "--deny", "warnings"]))?;
     }
+    shell::run(firmware::pico2_cargo(toolchain, "clippy").args(["--", "--deny", "warnings"]))?;
     c::clippy(toolchain)
 }
 

@@ -12,6 +12,14 @@ pub fn text_bytes(elf: &[u8]) -> Result<u64> {
     sum(elf, &[".text", ".rodata"])
 }
 
+/// Bytes of flash that a board's image takes: everything that is loaded.
+///
+/// # Errors
+/// When `elf` is no 32-bit ELF file.
+pub fn flash_bytes(elf: &[u8]) -> Result<u64> {
+    sum(elf, &[".vector_table", ".start_block", ".text", ".bi_entries", ".rodata", ".data", ".end_block"])
+}
+
 /// Bytes of `.data`, `.bss` and `.uninit`: static RAM.
 ///
 /// # Errors

@@ -3,10 +3,10 @@
 //! The HAL's blocking transfers wait for ever on a bus that is held low; a servo tick must not. The HAL sets the controller and its
 //! pins up, transfers are made here, each byte within a deadline.
 
+use embassy_rp::Peri;
 use embassy_rp::i2c::{Blocking, Config, I2c, SclPin, SdaPin};
 use embassy_rp::pac::{self, i2c::I2c as Registers};
 use embassy_rp::peripherals::I2C0;
-use embassy_rp::{Peri, gpio};
 use embedded_hal::i2c::{ErrorKind, ErrorType, NoAcknowledgeSource, Operation};
 
 use crate::servos::microseconds;
@@ -23,8 +23,8 @@ impl Bus {
     /// Sets the controller up.
     pub fn new(
         controller: Peri<'static, I2C0>,
-        scl: Peri<'static, impl SclPin<I2C0> + gpio::Pin>,
-        sda: Peri<'static, impl SdaPin<I2C0> + gpio::Pin>,
+        scl: Peri<'static, impl SclPin<I2C0>>,
+        sda: Peri<'static, impl SdaPin<I2C0>>,
     ) -> Self {
         let mut config = Config::default();
         config.frequency = 400_000;

@@ -125,7 +125,7 @@ impl Desk for Thread {
 
     fn with<R>(&mut self, work: impl FnOnce(&mut Station<'_, Slots>) -> R) -> R {
         // SAFETY: `Thread` is only used by `think`, in thread mode, and no work uses it again.
-        match unsafe { STATION.from_thread(work) } {
+        match unsafe { STATION.in_thread(work) } {
             Some(result) => result,
             // It was set before the thread began to think.
             None => rest(),

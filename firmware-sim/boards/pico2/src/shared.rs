@@ -10,7 +10,7 @@ pub struct Shared<T> {
     value: UnsafeCell<Option<T>>,
 }
 
-// SAFETY: there is one core; the two contexts that reach the value exclude each other, see `from_thread` and `from_interrupt`.
+// SAFETY: there is one core; the two contexts that reach the value exclude each other, see `in_thread` and `in_interrupt`.
 unsafe impl<T: Send> Sync for Shared<T> {}
 
 impl<T> Shared<T> {
@@ -36,7 +36,7 @@ impl<T> Shared<T> {
     ///
     /// # Safety
     /// Called in thread mode only, and `work` does not call it again.
-    pub unsafe fn from_thread<R>(&self, work: impl FnOnce(&mut T) -> R) -> Option<R> {
+    pub unsafe fn in_thread<R>(&self, work: impl FnOnce(&mut T) -> R) -> Option<R> {
         NVIC::mask(Self::INTERRUPT);
         cortex_m::asm::dsb();
         cortex_m::asm::isb();
@@ -52,7 +52,7 @@ impl<T> Shared<T> {
     ///
     /// # Safety
     /// Called in that interrupt only, and `work` does not call it again.
-    pub unsafe fn from_interrupt<R>(&self, work: impl FnOnce(&mut T) -> R) -> Option<R> {
+    pub unsafe fn in_interrupt<R>(&self, work: impl FnOnce(&mut T) -> R) -> Option<R> {
         // SAFETY: the thread does not run while the interrupt does, and has no reference while the interrupt is not masked.
         let value = unsafe { &mut *self.value.get() };
         value.as_mut().map(work)

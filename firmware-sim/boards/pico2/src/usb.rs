@@ -61,7 +61,7 @@ pub async fn serve(usb: Peri<'static, USB>, store: Store, finish_without_host: b
             };
             // SAFETY: this task runs in the executor of `Shared::INTERRUPT`.
             let served = unsafe {
-                STATION.from_interrupt(|station| {
+                STATION.in_interrupt(|station| {
                     server.receive(now, bytes, station, &mut out);
                     server.poll(now, station, &mut out);
                 })

@@ -1,0 +1,95 @@
+//! `motionette-board`: what the Pico 2's image takes of flash and RAM, whether it fits, and how long a motion takes there, estimated.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::Parser;
+use motionette::{Generator, Request};
+use motionette_host::blob_file::BlobFile;
+use motionette_link::Preset;
+use motionette_sim::report::INSTRUCTIONS_PER_MAC;
+use motionette_twin::image;
+use serde_json::json;
+
+/// Flash that `memory.x` gives the firmware, and RAM.
+const FLASH: u64 = 448 * 1024;
+const RAM: u64 = 512 * 1024;
+/// Stack that the runtime needs with a link interrupt and a servo tick on top of it (16 KiB painted in the emulator, and as much again).
+const STACK: u64 = 32 * 1024;
+/// Hertz.
+const CLOCK: f64 = 150e6;
+/// Cycles an instruction, assumed: code and weights come through a cache of 16 KiB in front of serial flash.
+const CYCLES: f64 = 1.4;
+/// Bytes a second of that flash: four bits at 75 MHz.
+const FLASH_BANDWIDTH: f64 = 37.5e6;
+/// Rows that the planner and the decoder compute with weights that they have fetched once.
+const PLANNER_ROWS: f64 = 4.0;
+const DECODER_ROWS: f64 = 24.0;
+
+/// Sizes of a board's image, and the time that its preset's motion takes, estimated.
+#[derive(Debug, Parser)]
+struct Cli {
+    /// The image, ELF.
+    image: PathBuf,
+    /// The model.
+    blob: PathBuf,
+    /// Print one machine-readable object on the last line.
+    #[arg(long)]
+    json: bool,
+}
+
+fn main() -> ExitCode {
+    match run(&Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<()> {
+    let elf = std::fs::read(&cli.image).with_context(|| format!("cannot read {}", cli.image.display()))?;
+    let (flash, ram) = (image::flash_bytes(&elf)?, image::static_ram_bytes(&elf)?);
+    let blob = BlobFile::open(&cli.blob)?;
+    let model = blob.model()?;
+    let preset = Preset::PICO2;
+    let anchors = motionette_sim::standard::anchors();
+    let anchors = anchors.as_slice()?;
+    let early: Vec<_> = anchors
+        .iter()
+        .map(|anchor| motionette::Anchor { frame: anchor.frame.min(preset.frames - 1), ..*anchor })
+        .collect();
+    let request = Request::text(motionette_sim::standard::PROMPT).frames(preset.frames).steps(preset.steps);
+    let config = motionette::refining::Config { evaluations: preset.evaluations, ..Default::default() };
+    let request = request.through(&early).refined(config);
+    let plan = Generator::new(model.clone(), &mut [])?.plan(&request)?;
+    let instructions = plan.macs as f64 * INSTRUCTIONS_PER_MAC;
+    let decoder = plan.macs - plan.planning_macs;
+    let fetched = plan.planning_macs as f64 / PLANNER_ROWS + decoder as f64 / DECODER_ROWS;
+    let seconds = instructions * CYCLES / CLOCK + fetched / FLASH_BANDWIDTH;
+    let motion = f64::from(preset.frames) / f64::from(model.frame_rate());
+    println!("flash                {flash} of {FLASH} bytes, and two slots for blobs of at most 1863680 bytes");
+    println!("RAM                  {ram} of {RAM} bytes, {} left for the stack", RAM.saturating_sub(ram));
+    println!(
+        "preset               {motion} s of motion, {} planner steps, {} decoder evaluations",
+        preset.steps, preset.evaluations
+    );
+    println!(
+        "a motion             about {seconds:.1} s at 150 MHz: {:.0} M instructions of {CYCLES} cycles (assumed), {:.0} MB of weights \
+         through serial flash",
+        instructions / 1e6,
+        fetched / 1e6
+    );
+    if cli.json {
+        let object = json!({
+            "flash_bytes": flash, "flash_limit": FLASH, "ram_bytes": ram, "ram_limit": RAM, "stack_left": RAM.saturating_sub(ram),
+            "motion_seconds": motion, "estimated_seconds": seconds, "instructions": instructions, "arena_bytes": plan.arena_bytes,
+        });
+        println!("{object}");
+    }
+    ensure!(flash <= FLASH, "the firmware does not fit: {flash} bytes of flash, {FLASH} are there");
+    ensure!(ram + STACK <= RAM, "too little is left for the stack: {ram} bytes of RAM are taken, {RAM} are there");
+    Ok(())
+}
