@@ -263,7 +263,9 @@ impl Cmd {
             faults: &faults,
             seed: self.seed,
         };
-        stage.run()
+        let mut played = stage.run()?;
+        played.report.rotation_error_cm = after.rotation_error.map(|metres| 100.0 * f64::from(metres));
+        Ok(played)
     }
 
     /// The request without its anchors.

@@ -44,6 +44,14 @@ pub struct Workspace<'a> {
     acc_low: &'a mut [i32],
 }
 
+impl<'a> Workspace<'a> {
+    /// Takes the sequence, and the last layer's input of the last [`Decoder::forward`] of so many `frames`.
+    #[must_use]
+    pub fn finish(self, frames: usize, width: usize) -> (&'a mut [f32], Rows<'a>) {
+        (self.sequence, quantised(self.scratch.q, self.scratch.scales, frames, width))
+    }
+}
+
 /// Elements of each buffer of a [`Workspace`].
 #[derive(Debug, Clone, Copy)]
 struct Sizes {
@@ -91,6 +99,12 @@ impl<'a> Decoder<'a> {
         bounded(output.bound(bound), index)?;
         let (width, code_width) = (usize::from(width), usize::from(code_width));
         Ok(Decoder { input, stages, middle, output, width, code_width })
+    }
+
+    /// The last layer.
+    #[must_use]
+    pub const fn output(&self) -> &Output<'a> {
+        &self.output
     }
 
     /// Frames a token.

@@ -19,6 +19,7 @@ use crate::decoding::decoder::Interrupted;
 use crate::log;
 use crate::model::Model;
 use crate::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels};
+use crate::motion::rotations::Rotations;
 use crate::perception::anchors::{Anchor, AnchorSet, Target};
 use crate::perception::prompt::Heard;
 use crate::plan::{JOINT_COLUMNS, Limits, Plan, feature_columns};
@@ -39,6 +40,7 @@ pub struct Motion<'a> {
     heard: Heard,
     unconditioned: u16,
     frame_rate: u16,
+    rotations: Rotations<'a>,
     /// What the refinement did; `None` without one.
     pub refinement: Option<refining::Report>,
     /// Arena bytes that were taken.
@@ -56,6 +58,29 @@ impl<'a> Motion<'a> {
     #[must_use]
     pub fn frames(&self) -> &'a [[[f32; 3]; JOINTS]] {
         bytemuck::try_cast_slice(self.joints).unwrap_or(&[])
+    }
+
+    /// The pose of a frame as the model's own joint rotations have it: bones as long as in [`Motion::frames`], turned as the rotations
+    /// say. `None` when the model has none, or the motion no such frame.
+    #[must_use]
+    pub fn rotated(&self, frame: usize) -> Option<[[f32; 3]; JOINTS]> {
+        self.rotations.pose(frame, self.frames().get(frame)?)
+    }
+
+    /// Mean distance of the joints of [`Motion::rotated`] from [`Motion::frames`], metres, over every `step`-th frame: how far
+    /// rotations and positions disagree. `None` when the model has no rotations.
+    #[must_use]
+    pub fn rotation_error(&self, step: usize) -> Option<f32> {
+        let (mut sum, mut count) = (0.0f32, 0.0f32);
+        for (index, pose) in self.frames().iter().enumerate().step_by(if step > 0 { step } else { 1 }) {
+            let rotated = self.rotations.pose(index, pose)?;
+            for ([ax, ay, az], [bx, by, bz]) in pose.iter().zip(rotated) {
+                let (dx, dy, dz) = (ax - bx, ay - by, az - bz);
+                sum += libm::sqrtf(dx * dx + dy * dy + dz * dz);
+                count += 1.0;
+            }
+        }
+        if count > 0.0 { Some(sum / count) } else { None }
     }
 
     /// Token embeddings `[L][du]` the motion was decoded from.
@@ -279,13 +304,16 @@ impl<'a> Generator<'a> {
         decoder.forward(u, &all, values, &mut work, &mut check).map_err(|Interrupted| Error::Aborted)?;
         let features = Features { values, channels: &all, mean: model.mean(), std: model.std() };
         features.integrate(&mut path);
-        let joints = work.sequence.get_mut(..frames * JOINT_COLUMNS).unwrap_or(&mut []);
+        let (sequence, rows) = work.finish(frames, decoder.output().inputs());
+        let joints = sequence.get_mut(..frames * JOINT_COLUMNS).unwrap_or(&mut []);
         features.joints(&path, joints);
+        let Path { cos, sin, .. } = path;
+        let rotations = Rotations { output: decoder.output(), rows, mean: model.mean(), std: model.std(), cos, sin };
         let arena_used = if peak > arena.used() { peak } else { arena.used() };
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
         let Planned { heard, .. } = made;
         let frame_rate = model.frame_rate();
-        Ok(Motion { joints, u, tokens, heard, unconditioned, frame_rate, refinement, arena_used })
+        Ok(Motion { joints, u, tokens, heard, unconditioned, frame_rate, rotations, refinement, arena_used })
     }
 
     /// Runs the blob's self-test: decodes its token sequence and compares the hash. `None`: the blob carries none.

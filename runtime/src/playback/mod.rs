@@ -35,7 +35,7 @@ pub mod mapper;
 pub mod output;
 pub mod player;
 pub mod robot;
-mod rotation;
+pub(crate) mod rotation;
 
 pub use control::{Control, State, Status};
 pub use line::{Ends, Feeder, Full, Line, When};
