@@ -53,10 +53,15 @@ pub fn build(toolchain: Toolchain, core: &Core, image: &str, blob: Option<&Path>
         cargo.env("MOTIONETTE_BLOB", std::path::absolute(blob)?);
     }
     shell::run(&mut cargo)?;
+    keep(toolchain, core, image, image)
+}
+
+/// Copies the `image` that was built last to where builds for other cores, or with other features, leave it alone.
+fn keep(toolchain: Toolchain, core: &Core, image: &str, name: &str) -> Result<PathBuf> {
     let folder = package().join("target").join(toolchain.name());
     let images = folder.join("images").join(core.name);
     fs::create_dir_all(&images).with_context(|| format!("cannot make {}", images.display()))?;
-    let copy = images.join(image);
+    let copy = images.join(name);
     let built = folder.join(core.target).join("release").join(image);
     fs::copy(&built, &copy).with_context(|| format!("cannot copy {} to {}", built.display(), copy.display()))?;
     Ok(copy)
@@ -120,6 +125,7 @@ pub fn build_all() -> Result<()> {
     refuse_a_planted_panic(toolchain, &M4)?;
     for core in &CORES {
         refuse_panics(toolchain, core)?;
+        keep(toolchain, core, "check", "gate")?;
         let images = ["twin", "check"].map(|image| build(toolchain, core, image, None));
         for image in images {
             println!("{}: {}", core.title, relative(&image?));
@@ -130,7 +136,9 @@ pub fn build_all() -> Result<()> {
     println!("Raspberry Pi Pico 2: {}", relative(&image));
     let mut size = shell::cargo();
     size.args(["run", "--quiet", "--release", "--package", "motionette-twin", "--bin", "motionette-board", "--"]);
-    shell::run(size.arg(&image).arg("models/nano.blob").current_dir(shell::root()))?;
+    let images = package().join("target").join(toolchain.name()).join("images").join(M4.name);
+    size.arg(&image).arg("models/nano.blob").arg(images.join("check")).arg(images.join("gate"));
+    shell::run(size.current_dir(shell::root()))?;
     for (core, target) in [("Cortex-M0, M0+", THUMB_V6), ("RISC-V without FPU", RISCV)] {
         build_runtime(toolchain, target)?;
         println!("{core}: runtime and link compile");

@@ -34,6 +34,11 @@ struct Cli {
     image: PathBuf,
     /// The model.
     blob: PathBuf,
+    /// The Cortex-M4F check image without playback, and with it.
+    #[arg(requires = "gate")]
+    check: Option<PathBuf>,
+    /// See `check`.
+    gate: Option<PathBuf>,
     /// Print one machine-readable object on the last line.
     #[arg(long)]
     json: bool,
@@ -82,6 +87,13 @@ fn run(cli: &Cli) -> Result<()> {
         instructions / 1e6,
         fetched / 1e6
     );
+    if let (Some(check), Some(gate)) = (&cli.check, &cli.gate) {
+        let bytes = |path: &PathBuf| -> Result<u64> {
+            image::text_bytes(&std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?)
+        };
+        let (without, with) = (bytes(check)?, bytes(gate)?);
+        println!("runtime code, M4F    {without} bytes, {with} with playback");
+    }
     if cli.json {
         let object = json!({
             "flash_bytes": flash, "flash_limit": FLASH, "ram_bytes": ram, "ram_limit": RAM, "stack_left": RAM.saturating_sub(ram),
