@@ -244,7 +244,8 @@ fn remarks(table: Table) -> &'static str {
         }
         Table::Components => {
             "Means over the three families and 2, 8 and 32 anchors, no refinement. `prior` does not know the anchors; `runtime` is \
-             the shipped int8 model, which was trained for longer."
+             the shipped int8 model, which was trained for longer. Intervals are over clips and overlap: \
+             the same clips turn or do not turn in every row."
         }
         Table::Refinement => "200 Adam steps each; means over 2, 8 and 32 anchors.",
         Table::Mechanism => "Body points, 200 Adam steps each; means over 2, 8 and 32 anchors.",
