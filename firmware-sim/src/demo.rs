@@ -144,7 +144,7 @@ impl Cmd {
     pub fn run(self) -> anyhow::Result<()> {
         if self.list {
             for clip in bundle::Bundle::built_in()?.clips {
-                println!("{:44} {:3} tokens  {}", clip.id, clip.tokens.len(), clip.caption);
+                say(&format!("{:44} {:3} tokens  {}", clip.id, clip.tokens.len(), clip.caption));
             }
             return Ok(());
         }
