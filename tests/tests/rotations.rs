@@ -48,7 +48,7 @@ fn rotations_are_those_of_the_reference() {
     let mut features = Decoder::<f64>::new(&checkpoint.decoder, width).forward(&latent).features;
     for row in features.chunks_exact_mut(width) {
         for ((x, mean), std) in row.iter_mut().zip(&statistics.mean).zip(&statistics.std) {
-            *x = *x * f64::from(*std) + f64::from(*mean);
+            *x = *x * std + mean;
         }
     }
     let (mut sum, mut worst, mut count, mut yaw) = (0.0, 0.0f64, 0, 0.0);

@@ -97,7 +97,9 @@ impl Buffers {
 
 #[inline(never)]
 fn linear_49(b: &mut Buffers) {
-    let Some(layer) = Linear::new(192, Weights::I8(&b.weights[..192 * 192]), &b.scales[..192], &b.biases[..192]) else { return };
+    let Some(layer) = Linear::new(192, Weights::I8(&b.weights[..192 * 192]), &b.scales[..192], &b.biases[..192]) else {
+        return;
+    };
     region!("1", linear(&layer, &b.x, &mut b.out, &mut b.q, &mut b.row_scales, &mut b.acc));
     region!("2", kernel(&b.q, &b.weights[..192 * 192], 192, 192, &mut b.acc));
 }
