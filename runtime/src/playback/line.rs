@@ -7,7 +7,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 
 use super::body::Pose;
 use super::control::Control;
-use super::mapper::{Angles, Mapper};
+use super::mapper::Mapper;
 use super::player::Player;
 use super::robot::Robot;
 use crate::Motion;
@@ -299,7 +299,7 @@ const fn has_places(capacity: usize) -> bool {
 
 /// Hundredths of a degree.
 #[inline(never)]
-fn rounded<const C: usize>(angles: &Angles) -> [i16; C] {
+fn rounded<const C: usize>(angles: &[f32]) -> [i16; C] {
     let mut frame = [0; C];
     for (to, angle) in frame.iter_mut().zip(angles) {
         let scaled = angle * STEPS;

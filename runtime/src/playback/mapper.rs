@@ -14,9 +14,6 @@ use super::rotation::{Rotation, Vector, cross, dot, scale};
 use crate::Joint;
 use core::f32::consts::PI;
 
-/// Servo angles, degrees, in the robot's order of channels.
-pub type Angles = Vec<f32, MAX_CHANNELS>;
-
 /// How much a segment's twist counts against where its bone points.
 const TWIST: f32 = 0.3;
 /// How much an axis keeps to its angle of the frame before: little against a limb that points across it, much against one that points
@@ -59,9 +56,9 @@ impl Mapper {
         Mapper { state, ground: 0.0, fresh: true }
     }
 
-    /// Servo angles for `pose`, degrees, inside the ranges. `robot` is the one that the mapper was made for.
+    /// Servo angles for `pose`, degrees, in the robot's order of channels, inside the ranges. `robot` is the one that the mapper was made for.
     #[inline(never)]
-    pub fn map(&mut self, robot: &Robot, pose: &Pose) -> Angles {
+    pub fn map(&mut self, robot: &Robot, pose: &Pose) -> Vec<f32, MAX_CHANNELS> {
         let observed = Orientations::observe(pose);
         let height = pose.first().map_or(0.0, |root| root[1]);
         if self.fresh {
@@ -87,7 +84,7 @@ impl Mapper {
             }
             reached.set(segment.joint, orientation);
         }
-        let mut angles = Angles::new();
+        let mut angles = Vec::new();
         for (state, channel) in self.state.iter_mut().zip(&robot.channels) {
             match channel.source {
                 Source::Heading => *state += nearest_turn(observed.heading - *state),
