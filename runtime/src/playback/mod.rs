@@ -8,7 +8,7 @@
 //! - [`robot`]: what the robot is, read from a packed `robot.toml`. Knows no motion.
 //! - [`body`]: how the body's segments are turned, from where its joints are. Knows no servos.
 //! - [`mapper`]: servo angles from that, and back.
-//! - [`line`]: the lock-free queue between whoever makes motions and the interrupt that plays them.
+//! - [`mod@line`]: the lock-free queue between whoever makes motions and the interrupt that plays them.
 //! - [`player`]: a tick of the servos, at a fixed cost; [`control`] is how it is ordered about and what it counts.
 //! - [`interpolate`], [`limiter`]: its numerics, an angle each.
 //! - [`output`]: commands onto pins and buses; the only part that knows hardware.
