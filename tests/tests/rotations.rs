@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use motionette::playback::body::Pose;
+use motionette::motion::Pose;
 use motionette::{Generator, Request};
 use motionette_host::blob_file::BlobFile;
 use motionette_host::checkpoint;

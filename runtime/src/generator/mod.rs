@@ -6,6 +6,7 @@ mod error;
 mod observer;
 mod plan_tokens;
 mod request;
+mod rotations;
 mod stream;
 
 pub use error::Error;
@@ -19,7 +20,6 @@ use crate::decoding::decoder::Interrupted;
 use crate::log;
 use crate::model::Model;
 use crate::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels};
-use crate::motion::rotations::Rotations;
 use crate::perception::anchors::{Anchor, AnchorSet, Target};
 use crate::perception::prompt::Heard;
 use crate::plan::{JOINT_COLUMNS, Limits, Plan, feature_columns};
@@ -30,6 +30,7 @@ use decoder_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
 use plan_tokens::{Planned, plan_tokens};
+use rotations::Rotations;
 
 /// A finished motion, in the generator's arena.
 #[derive(Debug, Clone, Copy)]

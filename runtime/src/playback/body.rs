@@ -5,11 +5,9 @@
 //! the line of hips or shoulders; an upper arm's or thigh's from itself and the bend of elbow or knee, which are hinges. The neck and
 //! the feet have one bone, so they turn on the shortest arc and not about themselves.
 
-use super::rotation::{Rotation, Vector, add, cross, dot, scale, subtract, unit};
+use crate::motion::Pose;
+use crate::motion::rotation::{Rotation, Vector, add, cross, dot, scale, subtract, unit};
 use crate::{JOINTS, Joint};
-
-/// Joint positions of one frame, metres.
-pub type Pose = [Vector; JOINTS];
 
 const X: Vector = [1.0, 0.0, 0.0];
 /// Up.
@@ -107,8 +105,7 @@ impl Orientations {
     /// Of `pose`. Where it is degenerate (bones without length), segments are turned as those that they stand on.
     #[inline(never)]
     pub fn observe(pose: &Pose) -> Self {
-        let [x, y, z] = cross(bone(pose, Joint::RightHip, Joint::LeftHip), UP);
-        let _ = y;
+        let [x, _, z] = cross(bone(pose, Joint::RightHip, Joint::LeftHip), UP);
         let heading = if x * x + z * z > 1e-12 { libm::atan2f(x, z) } else { 0.0 };
         let mut seen = Orientations { heading, of: [Rotation::new(UP, heading); JOINTS] };
         for segment in &SEGMENTS {

@@ -5,12 +5,12 @@ use core::sync::atomic::Ordering;
 
 use heapless::spsc::{Consumer, Producer, Queue};
 
-use super::body::Pose;
 use super::control::Control;
 use super::mapper::Mapper;
 use super::player::Player;
 use super::robot::Robot;
 use crate::Motion;
+use crate::motion::Pose;
 
 /// Steps of a degree in which angles are queued.
 const STEPS: f32 = 100.0;
@@ -192,12 +192,14 @@ impl<const C: usize> Feeder<'_, C> {
     /// # Errors
     /// [`Full`]; nothing was queued then.
     pub fn play(&mut self, motion: &Motion<'_>, when: When) -> Result<(), Full> {
+        self.reserve(motion.frames().len(), when)?;
         let by_rotations = motion.rotation_error(SAMPLED).is_some_and(|error| error <= AGREEMENT);
         let poses = motion.frames().iter().enumerate().map(|(frame, pose)| {
             let rotated = if by_rotations { motion.rotated(frame) } else { None };
             rotated.unwrap_or(*pose)
         });
-        self.play_poses(poses, motion.frame_rate(), when)
+        self.queue(poses, motion.frame_rate());
+        Ok(())
     }
 
     /// Queues a whole motion given as joint positions, metres.
@@ -205,16 +207,14 @@ impl<const C: usize> Feeder<'_, C> {
     /// # Errors
     /// [`Full`]; nothing was queued then.
     pub fn play_frames(&mut self, frames: &[Pose], frame_rate: u16, when: When) -> Result<(), Full> {
-        self.play_poses(frames.iter().copied(), frame_rate, when)
+        self.reserve(frames.len(), when)?;
+        self.queue(frames.iter().copied(), frame_rate);
+        Ok(())
     }
 
-    fn play_poses(
-        &mut self,
-        frames: impl ExactSizeIterator<Item = Pose>,
-        frame_rate: u16,
-        when: When,
-    ) -> Result<(), Full> {
-        let needed = frames.len().saturating_add(2 + usize::from(self.open));
+    /// Looks whether a motion of so many frames finds room.
+    fn reserve(&mut self, frames: usize, when: When) -> Result<(), Full> {
+        let needed = frames.saturating_add(2 + usize::from(self.open));
         if needed > self.producer.capacity() {
             return Err(Full::Never { needed, room: self.producer.capacity() });
         }
@@ -226,13 +226,16 @@ impl<const C: usize> Feeder<'_, C> {
         if needed > free {
             return Err(Full::Wait { needed, free });
         }
-        // There is room for all of it.
+        Ok(())
+    }
+
+    /// Queues a motion for which there is room.
+    fn queue(&mut self, frames: impl Iterator<Item = Pose>, frame_rate: u16) {
         let _ = self.begin(frame_rate);
         for frame in frames {
             let _ = self.frame(&frame);
         }
         let _ = self.end();
-        Ok(())
     }
 
     /// Begins a motion whose frames come one by one; ends the one before, if that is still open.

@@ -8,10 +8,11 @@
 
 use heapless::Vec;
 
-use super::body::{Aside, Orientations, Pose, SEGMENTS, Segment, UP};
+use super::body::{Aside, Orientations, SEGMENTS, Segment, UP};
 use super::robot::{Channel, MAX_AXES, MAX_CHANNELS, Robot, Source};
-use super::rotation::{Rotation, Vector, cross, dot, scale};
 use crate::Joint;
+use crate::motion::Pose;
+use crate::motion::rotation::{Rotation, Vector, cross, dot, scale};
 use core::f32::consts::PI;
 
 /// How much a segment's twist counts against where its bone points.

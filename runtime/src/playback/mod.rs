@@ -35,7 +35,6 @@ pub mod mapper;
 pub mod output;
 pub mod player;
 pub mod robot;
-pub(crate) mod rotation;
 
 pub use control::{Control, State, Status};
 pub use line::{Ends, Feeder, Full, Line, When};

@@ -324,7 +324,7 @@ impl Robot {
         let (header, body) = out.split_at_mut_checked(HEADER_LEN).ok_or(full)?;
         let body = postcard::to_slice(self, body).map_err(|_| full)?;
         let (length, crc) = ((body.len() as u32).to_le_bytes(), (!crc32(!0, body)).to_le_bytes());
-        let [version, _]: [[u8; 2]; 2] = [VERSION.to_le_bytes(), [0; 2]];
+        let version = VERSION.to_le_bytes();
         let fields = MAGIC.iter().chain(&version).chain(&[0, 0]).chain(&length).chain(&crc);
         for (to, from) in header.iter_mut().zip(fields) {
             *to = *from;

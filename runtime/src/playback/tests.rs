@@ -1,11 +1,11 @@
 //! Mapping and playing against known poses, brute force and the rules that the output must keep.
 
-use super::body::Pose;
 use super::control::State;
 use super::line::{Ends, Full, Line, When, line_bytes};
 use super::mapper::{Mapper, reach};
 use super::robot::{Axis, Bus, Channel, Fault, Rest, Robot, RobotError, Source, Violation};
 use crate::hash::Stream;
+use crate::motion::Pose;
 use crate::{JOINTS, Joint};
 use std::string::ToString;
 use std::vec::Vec;

@@ -80,9 +80,8 @@ impl Rotation {
     pub fn between(from: Vector, to: Vector) -> Self {
         let w = 1.0 + dot(from, to);
         if w < 1e-6 {
-            let [x, y, _] = from;
+            let [x, ..] = from;
             let across = if x.abs() < 0.5 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-            let _ = y;
             return Self::about(unit(cross(from, across), [0.0, 0.0, 1.0]), (1.0, 0.0));
         }
         Rotation { w, v: cross(from, to) }.normalised()
