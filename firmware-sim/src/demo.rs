@@ -260,12 +260,11 @@ impl Cmd {
             request: &request,
             frames: &after.joints,
             anchors: &source.anchors,
+            rotation_error: after.rotation_error,
             faults: &faults,
             seed: self.seed,
         };
-        let mut played = stage.run()?;
-        played.report.rotation_error_cm = after.rotation_error.map(|metres| 100.0 * f64::from(metres));
-        Ok(played)
+        stage.run()
     }
 
     /// The request without its anchors.

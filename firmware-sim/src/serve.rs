@@ -8,11 +8,10 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::rc::Rc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::Args;
 use motionette::Model;
 use motionette::playback::output::Runner;
@@ -22,7 +21,8 @@ use motionette_host::robot_file;
 use motionette_link::message::LossAction;
 use motionette_link::server::Silence;
 use motionette_link::thread::{self, Desk, Note};
-use motionette_link::{Preset, Server, Station, Store, Task, Vitals};
+use motionette_link::update::blob_in;
+use motionette_link::{Preset, Server, Station, Storage, Store, Vitals};
 
 use crate::bundle;
 use crate::robot::clock::Clock;
@@ -79,7 +79,7 @@ impl Cmd {
         let mut out = std::io::stdout();
         writeln!(out, "{}: motionette device --port tcp:127.0.0.1:{port} status", robot.name)?;
         out.flush()?;
-        serve(robot, preset, flash, &listener)
+        serve(robot, preset, flash, listener)
     }
 }
 
@@ -131,49 +131,42 @@ fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Serves one host after the other.
+/// Serves one host after the other, until the process ends.
 ///
 /// # Errors
-/// When the listener fails, or the runtime does.
-fn serve(robot: Robot, preset: Preset, flash: Flash, listener: &TcpListener) -> Result<()> {
+/// When the runtime refuses to work.
+fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener) -> Result<()> {
     // They live as long as the process, as in firmware.
     let robot: &'static Robot = Box::leak(Box::new(robot));
     let line: &'static mut Line<CHANNELS, FRAMES> = Box::leak(Box::default());
     let vitals: &'static Vitals = Box::leak(Box::default());
     let Ends { mut feeder, player, control } = line.split(robot)?;
     let store = Store::open(&flash);
-    let station = Station::new(&robot.name, preset, control, vitals, Some(flash));
+    let station = Station::new(&robot.name, preset, control, vitals, Some(flash), &store);
     let station: Shared = Arc::new(Mutex::new(station));
 
-    let running = AtomicBool::new(true);
-    std::thread::scope(|scope| -> Result<()> {
-        scope.spawn(|| tick(robot, player, vitals, &running));
-        let link = Arc::clone(&station);
-        let talking = scope.spawn(|| talk(listener, link, store, robot, &running));
-        let thought = think(&mut feeder, &station, &running);
-        running.store(false, Ordering::Release);
-        let talked = talking.join();
-        thought?;
-        match talked {
-            Ok(result) => result,
-            Err(_) => bail!("the link has failed"),
+    std::thread::spawn(move || tick(robot, player, vitals));
+    let link = Arc::clone(&station);
+    std::thread::spawn(move || {
+        if let Err(error) = talk(&listener, &link, store, robot) {
+            // Without the link nobody can ask for anything.
+            say(&format!("error: the link has failed: {error:#}"));
+            std::process::exit(1);
         }
-    })
+    });
+    think(&mut feeder, station)
 }
 
 /// Servo ticks in real time.
-fn tick(robot: &'static Robot, player: Player<'static, CHANNELS>, vitals: &Vitals, running: &AtomicBool) {
+fn tick(robot: &'static Robot, player: Player<'static, CHANNELS>, vitals: &Vitals) {
     let clock = Clock::default();
     let hardware = Rc::new(RefCell::new(Hardware::new(robot, 1)));
     let injector = Rc::new(RefCell::new(Injector::new(&[], 1)));
-    let mut runner = Runner::new(player, wiring(robot, &hardware, &injector, &clock));
+    let mut runner = Runner::new(player, wiring(&hardware, &injector, &clock));
     let period = 1_000_000 / u64::from(robot.tick_rate);
     let started = Instant::now();
     let mut missed = 0;
     for tick in 0u64.. {
-        if !running.load(Ordering::Acquire) {
-            return;
-        }
         let due = Duration::from_micros(tick * period);
         if let Some(wait) = due.checked_sub(started.elapsed()) {
             std::thread::sleep(wait);
@@ -188,7 +181,7 @@ fn tick(robot: &'static Robot, player: Player<'static, CHANNELS>, vitals: &Vital
 }
 
 /// One host after the other.
-fn talk(listener: &TcpListener, station: Shared, store: Store, robot: &Robot, running: &AtomicBool) -> Result<()> {
+fn talk(listener: &TcpListener, station: &Shared, store: Store, robot: &Robot) -> Result<()> {
     let action = if robot.finish_without_host { LossAction::Finish } else { LossAction::Hold };
     let mut server = Server::new(store, Silence { after_ms: SILENCE, action });
     let started = Instant::now();
@@ -196,7 +189,7 @@ fn talk(listener: &TcpListener, station: Shared, store: Store, robot: &Robot, ru
     listener.set_nonblocking(true)?;
     let (mut bytes, mut out) = ([0; 2048], Box::new(heapless::Vec::<u8, 4096>::new()));
     let mut sequence = server.store().active().map(|blob| blob.sequence);
-    while running.load(Ordering::Acquire) {
+    loop {
         // The newest host is the one that is served; the one before has lost its session anyway.
         match listener.accept() {
             Ok((stream, _)) => {
@@ -244,18 +237,16 @@ fn talk(listener: &TcpListener, station: Shared, store: Store, robot: &Robot, ru
             out.clear();
         }
     }
-    Ok(())
 }
 
 /// Makes motions with whichever blob is the newest.
-fn think(feeder: &mut Feeder<'static, CHANNELS>, station: &Shared, running: &AtomicBool) -> Result<()> {
-    let mut desk = Thread { station: Arc::clone(station) };
+fn think(feeder: &mut Feeder<'static, CHANNELS>, station: Shared) -> Result<()> {
+    let mut desk = Thread { station };
     let mut arena = vec![0u128; ARENA / 16];
-    while running.load(Ordering::Acquire) {
+    loop {
         let blob = desk.with(|station| {
-            let flash = station.flash()?;
-            let bytes = Store::open(flash).bytes(flash)?.to_vec();
-            Some(AlignedBlob::new(&bytes))
+            let (slot, length) = station.blob()?;
+            blob_in::<Flash>(station.flash()?.mapped(slot), length).map(AlignedBlob::new)
         });
         match blob.as_ref().map(|blob| Model::open(blob.bytes())) {
             Some(Ok(model)) => {
@@ -265,12 +256,6 @@ fn think(feeder: &mut Feeder<'static, CHANNELS>, station: &Shared, running: &Ato
             Some(Err(error)) => say(&format!("the blob is refused: {error}")),
             None => say("no slot holds a blob: send one with `motionette device send-blob`"),
         }
-        while !desk.with(|station| matches!(station.task(), Some(Task::Reopen))) {
-            desk.wait();
-            if !running.load(Ordering::Acquire) {
-                return Ok(());
-            }
-        }
+        thread::wait_for_another(&mut desk);
     }
-    Ok(())
 }

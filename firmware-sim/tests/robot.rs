@@ -7,7 +7,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use motionette::playback::body::Pose;
+use motionette::motion::Pose;
 use motionette::playback::{Rest, Robot, When};
 use motionette::{Generator, Model, Request};
 use motionette_host::convert::AlignedBlob;

@@ -4,8 +4,11 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command as Process, Stdio};
 use std::time::{Duration, Instant};
 
+use motionette::Model;
+use motionette::blob::Header;
+use motionette_host::convert::AlignedBlob;
 use motionette_host::device::{self, Client, Error, Options};
-use motionette_link::message::{Command, Event, Generate, Hello, Length, Refusal, State};
+use motionette_link::message::{Command, Event, Generate, Hello, Length, LossAction, Refusal, State};
 use motionette_sim::bundle;
 
 /// A server that ends with the test.
@@ -70,11 +73,16 @@ fn state_becomes(client: &mut Client<Box<dyn device::Transport>>, wanted: State)
     }
 }
 
-fn refused(result: Result<motionette_link::Reply, Error>) -> Refusal {
+/// The refusal, if it is one.
+fn refusal(result: Result<motionette_link::Reply, Error>) -> Option<Refusal> {
     match result {
-        Err(Error::Refused(refusal)) => refusal,
-        other => panic!("{other:?} is no refusal"),
+        Err(Error::Refused(refusal)) => Some(refusal),
+        _ => None,
     }
+}
+
+fn refused(result: Result<motionette_link::Reply, Error>) -> Refusal {
+    refusal(result).expect("a refusal")
 }
 
 #[test]
@@ -176,4 +184,61 @@ fn without_a_blob_nothing_moves_until_one_is_sent() {
     let text = "a person walks forward".try_into().expect("short");
     let open = Generate { steps: 0, evaluations: 0, ..Generate::new(text) };
     assert_eq!(client.generate(&open, &mut |_| ()).expect("a motion").frames, 80);
+}
+
+/// The built-in model with another hash in its self-test: a blob in every other respect.
+fn of_other_bits() -> Vec<u8> {
+    let mut blob = bundle::BLOB.to_vec();
+    let model = AlignedBlob::new(&blob);
+    let hash = Model::open(model.bytes()).expect("the built-in model").self_test().hash;
+    let mut room = [0; 10];
+    let written = postcard::to_slice(&hash, &mut room).expect("a number");
+    let at = blob.windows(written.len()).position(|bytes| bytes == written).expect("it stands in the manifest");
+    blob[at] ^= 1;
+    // The checksum, so that nothing else is wrong.
+    let checksum = Header::checksum(&blob);
+    blob[24..28].copy_from_slice(&checksum.to_le_bytes());
+    blob
+}
+
+#[test]
+fn a_model_that_makes_other_bits_than_it_says_does_not_move_the_robot() {
+    let served = Served::start(&[]);
+    let (mut client, hello) = served.host();
+    assert!(hello.model.is_some());
+    client.send_blob(&of_other_bits(), &mut |_| ()).expect("whole, and a model");
+    let begun = Instant::now();
+    while refusal(client.request(&Command::Generate(wave(40, true)))) != Some(Refusal::NoModel) {
+        assert!(begun.elapsed() < Duration::from_secs(20), "the robot would move");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(client.status().expect("a status").device.state, State::Holding);
+    // The right one is taken again.
+    client.send_blob(bundle::BLOB, &mut |_| ()).expect("the right one");
+    let (mut client, hello) = served.host();
+    assert!(hello.model.is_some());
+    assert_eq!(client.generate(&wave(40, false), &mut |_| ()).expect("a motion").frames, 40);
+}
+
+#[test]
+fn a_host_that_is_gone_is_missed_as_the_robot_is_configured() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let preset = motionette_host::robot_file::preset("upper-body").expect("a preset").text;
+    let body = preset.lines().filter(|line| !line.starts_with("finish_without_host")).collect::<Vec<_>>().join("\n");
+    for (finish, state, action) in
+        [(false, State::Holding, LossAction::Hold), (true, State::Playing, LossAction::Finish)]
+    {
+        let path = folder.path().join(format!("{finish}.toml"));
+        std::fs::write(&path, format!("finish_without_host = {finish}\n{body}")).expect("written");
+        let served = Served::start(&["--robot", path.to_str().expect("a path")]);
+        let (mut client, hello) = served.host();
+        assert_eq!(hello.limits.on_silence, action);
+        client.generate(&wave(196, true), &mut |_| ()).expect("a motion of 9.8 s");
+        state_becomes(&mut client, State::Playing);
+        drop(client);
+        std::thread::sleep(Duration::from_millis(u64::from(hello.limits.silence_ms) + 800));
+        let (mut client, _) = served.host();
+        let status = client.status().expect("a status");
+        assert_eq!((status.device.state, status.host_lost), (state, Some(action)));
+    }
 }

@@ -14,10 +14,11 @@ use motionette::Model;
 use motionette::planning::Planning;
 use motionette::playback::output::BusStatus;
 use motionette::playback::{self, Control};
+use motionette::refining::Config;
 
 use crate::message::{Condition, Event, Failure, Generate, Length, ModelInfo, Name, Refusal, Stage, State, Work, name};
 use crate::server::{Description, Device, Job};
-use crate::update::{Storage, Store};
+use crate::update::{Slot, Storage, Store};
 
 /// Events that wait to be sent, at most; of more, the oldest are dropped, and the status tells how things stand.
 const EVENTS: usize = 8;
@@ -64,7 +65,8 @@ pub struct Preset {
 
 impl Preset {
     /// Of a desktop: the runtime's own defaults, and lengths as the text suggests.
-    pub const DESKTOP: Preset = Preset { frames: 0, steps: Planning::DEFAULT.steps, evaluations: 20 };
+    pub const DESKTOP: Preset =
+        Preset { frames: 0, steps: Planning::DEFAULT.steps, evaluations: Config::DEFAULT.evaluations };
     /// Of a Raspberry Pi Pico 2, 150 MHz: 4 s of motion, fewer steps.
     pub const PICO2: Preset = Preset { frames: 80, steps: 6, evaluations: 10 };
 
@@ -122,6 +124,8 @@ pub struct Station<'a, S> {
     control: &'a Control,
     vitals: &'a Vitals,
     storage: Option<S>,
+    /// Where the active blob lies, and its bytes.
+    blob: Option<(Slot, usize)>,
     model: Option<ModelInfo>,
     work: Option<Work>,
     waiting: Option<Task>,
@@ -142,15 +146,23 @@ pub struct Station<'a, S> {
 }
 
 impl<'a, S> Station<'a, S> {
-    /// A robot of that name, without a model yet.
+    /// A robot of that name whose blobs lie in `storage` as `store` says; the thread has not opened one yet.
     #[must_use]
-    pub fn new(robot: &str, preset: Preset, control: &'a Control, vitals: &'a Vitals, storage: Option<S>) -> Self {
+    pub fn new(
+        robot: &str,
+        preset: Preset,
+        control: &'a Control,
+        vitals: &'a Vitals,
+        storage: Option<S>,
+        store: &Store,
+    ) -> Self {
         Station {
             robot: name(robot),
             preset,
             control,
             vitals,
             storage,
+            blob: store.place(),
             model: None,
             work: None,
             waiting: None,
@@ -167,6 +179,12 @@ impl<'a, S> Station<'a, S> {
         }
     }
 
+    /// For the thread: where the active blob lies, which has been verified, and its bytes; see [`blob_in`](crate::update::blob_in).
+    #[must_use]
+    pub const fn blob(&self) -> Option<(Slot, usize)> {
+        self.blob
+    }
+
     /// The flash.
     pub const fn flash(&mut self) -> Option<&mut S> {
         self.storage.as_mut()
@@ -175,7 +193,6 @@ impl<'a, S> Station<'a, S> {
     /// For the thread: what to do next. What it is working on is over with [`Station::done`].
     pub fn task(&mut self) -> Option<Task> {
         if core::mem::take(&mut self.reopen) {
-            (self.model, self.ready) = (None, None);
             return Some(Task::Reopen);
         }
         if self.playing && self.ready.is_some() {
@@ -190,9 +207,9 @@ impl<'a, S> Station<'a, S> {
         self.vitals.aborted()
     }
 
-    /// For the thread: the model that was opened; `None` when no slot holds one that can be used.
-    pub fn opened(&mut self, model: Option<&Model<'_>>) {
-        self.model = model.map(|model| ModelInfo {
+    /// For the thread: the model that was opened and has proved itself.
+    pub fn opened(&mut self, model: &Model<'_>) {
+        self.model = Some(ModelInfo {
             name: name(model.card().name),
             frame_rate: model.frame_rate(),
             frames: (model.max_tokens() * model.frames_per_token()) as u16,
@@ -388,7 +405,10 @@ impl<S: Storage> Device for Station<'_, S> {
         self.storage.as_mut()
     }
 
-    fn activated(&mut self, _: &Store) {
+    fn activated(&mut self, store: &Store) {
+        self.blob = store.place();
         self.reopen = true;
+        // Nothing is made or played before the new one has proved itself.
+        (self.model, self.ready) = (None, None);
     }
 }

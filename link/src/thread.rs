@@ -72,11 +72,11 @@ pub fn run<D: Desk, const C: usize>(
     let proved = generator.self_test()?;
     if proved == Some(false) {
         desk.note(Note::Unproved);
-        desk.with(|station| station.opened(None));
-    } else {
-        desk.note(Note::Proved { tested: proved.is_some() });
-        desk.with(|station| station.opened(Some(model)));
+        wait_for_another(desk);
+        return Ok(());
     }
+    desk.note(Note::Proved { tested: proved.is_some() });
+    desk.with(|station| station.opened(model));
     let mut next = None;
     loop {
         match next.take().unwrap_or_else(|| task(desk, feeder)) {
@@ -122,6 +122,13 @@ pub fn run<D: Desk, const C: usize>(
                 }
             }
         }
+    }
+}
+
+/// Does nothing until another blob is to be opened: there is none, or none that can be used.
+pub fn wait_for_another<D: Desk>(desk: &mut D) {
+    while !desk.with(|station| matches!(station.task(), Some(Task::Reopen))) {
+        desk.wait();
     }
 }
 

@@ -10,6 +10,8 @@
 //! Sectors are erased as bytes arrive, not all at once: no step blocks for longer than a sector's erasure, except
 //! [`Store::commit`], which reads the blob twice.
 
+use core::ops::Range;
+
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError};
 use heapless::Vec;
 use motionette::Model;
@@ -56,6 +58,33 @@ pub struct Layout {
     pub offsets: [u32; 2],
     /// Bytes of a slot with its header sector, whole sectors.
     pub length: u32,
+}
+
+impl Layout {
+    /// Of a Raspberry Pi Pico 2: 4 MiB, 448 KiB of them the firmware's, the rest in two halves.
+    pub const PICO2: Layout = Layout { offsets: [0x07_0000, 0x23_8000], length: 0x1C_8000 };
+
+    /// Where a slot begins.
+    const fn offset(&self, slot: Slot) -> u32 {
+        let [a, b] = self.offsets;
+        match slot {
+            Slot::A => a,
+            Slot::B => b,
+        }
+    }
+
+    /// Where a slot lies in the flash.
+    #[must_use]
+    pub const fn range(&self, slot: Slot) -> Range<usize> {
+        let start = self.offset(slot) as usize;
+        start..start + self.length as usize
+    }
+}
+
+/// The blob of so many bytes in the bytes of a slot.
+#[must_use]
+pub fn blob_in<S: Storage>(slot: &[u8], length: usize) -> Option<&[u8]> {
+    slot.get(sector::<S>() as usize..)?.get(..length)
 }
 
 /// The flash that holds the slots.
@@ -209,11 +238,7 @@ impl Incoming {
 }
 
 fn base<S: Storage>(storage: &S, slot: Slot) -> u32 {
-    let [a, b] = storage.layout().offsets;
-    match slot {
-        Slot::A => a,
-        Slot::B => b,
-    }
+    storage.layout().offset(slot)
 }
 
 /// The two slots: which one is active, and what is on its way to the other.
@@ -251,11 +276,17 @@ impl Store {
         Some(Blob { slot: slot.index(), sequence, length, crc32 })
     }
 
+    /// Where the active blob lies, and its bytes.
+    #[must_use]
+    pub fn place(&self) -> Option<(Slot, usize)> {
+        self.active.map(|(slot, header)| (slot, header.length as usize))
+    }
+
     /// The bytes of the active blob.
     #[must_use]
     pub fn bytes<'s, S: Storage>(&self, storage: &'s S) -> Option<&'s [u8]> {
-        let (slot, header) = self.active?;
-        storage.mapped(slot).get(sector::<S>() as usize..)?.get(..header.length as usize)
+        let (slot, length) = self.place()?;
+        blob_in::<S>(storage.mapped(slot), length)
     }
 
     /// Bytes of the largest blob.

@@ -1,7 +1,7 @@
 //! What the firmware does before anything moves: it opens the blob, proves itself by the blob's self-test, and makes the motions; with
 //! the faults that hit it there.
 
-use motionette::playback::body::Pose;
+use motionette::motion::Pose;
 use motionette::{Generator, Model, Observer, Progress, Request};
 use motionette_host::convert::AlignedBlob;
 

@@ -5,10 +5,8 @@ use std::path::{Path, PathBuf};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_write};
 use motionette_link::update::{Layout, Slot, Storage};
 
-/// Bytes of the chip, and where the slots lie: as on the Pico 2.
+/// Bytes of the chip: as on the Pico 2.
 pub const BYTES: usize = 4 * 1024 * 1024;
-const FIRST: u32 = 448 * 1024;
-const SLOT: u32 = (BYTES as u32 - FIRST) / 2;
 const SECTOR: usize = 4096;
 
 /// A chip.
@@ -107,15 +105,10 @@ impl Storage for Flash {
     }
 
     fn layout(&self) -> Layout {
-        Layout { offsets: [FIRST, FIRST + SLOT], length: SLOT }
+        Layout::PICO2
     }
 
     fn mapped(&self, slot: Slot) -> &[u8] {
-        let [a, b] = self.layout().offsets;
-        let start = match slot {
-            Slot::A => a,
-            Slot::B => b,
-        } as usize;
-        &self.bytes()[start..start + SLOT as usize]
+        &self.bytes()[self.layout().range(slot)]
     }
 }

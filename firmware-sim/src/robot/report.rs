@@ -1,14 +1,15 @@
 //! What the robot's stage of the main job gives: figures, lines for people, and what the viewer shows.
 
-use motionette::playback::body::Pose;
+use motionette::JOINTS;
+use motionette::motion::Pose;
 use motionette::playback::{Bus, Robot, reach};
-use motionette::{Anchor, JOINTS};
 use motionette_host::metrics;
 use serde::Serialize;
 
 use super::faults::{Fault, Kind};
 use super::firmware::Boot;
 use super::simulation::{EndState, Moment, Run};
+use super::stage::Stage;
 
 /// Figures of the simulated robot. Names are stable: `--json` prints this as `robot`.
 #[derive(Debug, Clone, Serialize)]
@@ -72,9 +73,10 @@ fn poses(robot: &Robot, run: &Run, frames: &[Pose], angles: impl Fn(&Moment) -> 
 }
 
 impl RobotReport {
-    /// Of a run that played `frames`.
+    /// Of a run of `stage`.
     #[must_use]
-    pub fn new(robot: &Robot, run: &Run, boot: &Boot, faults: &[Fault], frames: &[Pose], anchors: &[Anchor]) -> Self {
+    pub fn new(stage: &Stage<'_>, run: &Run, boot: &Boot, faults: &[Fault]) -> Self {
+        let &Stage { robot, frames, anchors, .. } = stage;
         // A generator that came too late is forgiven when its motion was played to the end all the same.
         let overrun = faults.iter().any(|fault| fault.kind == Kind::Overrun) && run.motions == [2, 2];
         let error = |poses: Vec<Pose>| metrics::control_error(&poses, anchors).map(|metres| 100.0 * metres);
@@ -92,7 +94,7 @@ impl RobotReport {
             worst_tracking_deg: run.worst_tracking_deg,
             servo_control_error_cm: error(poses(robot, run, frames, |moment| &moment.commanded)),
             reached_control_error_cm: error(poses(robot, run, frames, |moment| &moment.reached)),
-            rotation_error_cm: None,
+            rotation_error_cm: stage.rotation_error.map(|metres| 100.0 * f64::from(metres)),
             bus_errors: run.bus_errors,
             failed_ticks: run.failed_ticks,
             limited_ticks: run.limited_ticks,

@@ -8,19 +8,21 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use motionette::playback::output::{Output, Pca9685, Pwm, Runner, Sts3215, Time};
-use motionette::playback::{Bus, Channel, Ends, Line, Player, Robot, State, When};
+use motionette::playback::{Channel, Ends, Line, Player, Robot, State, When};
 use serde::Serialize;
 
 use super::clock::Clock;
 use super::faults::{Fault, Injector, Kind};
 use super::hardware::Hardware;
 use super::wires::{Faulty, I2cWire, Pin, SerialWire};
-use motionette::playback::body::Pose;
+use motionette::motion::Pose;
 
 /// Servo channels and frames that the simulated firmware has room for.
 pub const CHANNELS: usize = 32;
 /// See [`CHANNELS`].
 pub const FRAMES: usize = 256;
+/// Pins by number, as many as a description can name.
+const PINS: usize = 256;
 /// Part of a tick that its attempts may take; one more may follow.
 const BUDGET: f64 = 0.6;
 /// Microseconds after a motion's end before the run ends.
@@ -133,7 +135,7 @@ type Chip = Pca9685<Faulty<I2cWire>>;
 pub struct Wiring {
     chips: Vec<Chip>,
     serial: Sts3215<Faulty<SerialWire>>,
-    pins: Pwm<Pin, CHANNELS>,
+    pins: Pwm<Pin, PINS>,
 }
 
 /// Something on a bus failed; the firmware would print what.
@@ -165,7 +167,7 @@ pub fn run(scenario: &Scenario<'_>) -> Run {
     let clock = Clock::default();
     let hardware = Rc::new(RefCell::new(Hardware::new(robot, scenario.seed)));
     let injector = Rc::new(RefCell::new(Injector::new(&scenario.faults, scenario.seed)));
-    let mut runner = Runner::new(player, wiring(robot, &hardware, &injector, &clock));
+    let mut runner = Runner::new(player, wiring(&hardware, &injector, &clock));
 
     let period = 1_000_000 / u64::from(robot.tick_rate);
     let budget = (BUDGET * period as f64) as u32;
@@ -267,39 +269,20 @@ pub fn run(scenario: &Scenario<'_>) -> Run {
 }
 
 /// The robot's outputs on simulated wires.
-pub fn wiring(
-    robot: &Robot,
-    hardware: &Rc<RefCell<Hardware>>,
-    injector: &Rc<RefCell<Injector>>,
-    clock: &Clock,
-) -> Wiring {
+pub fn wiring(hardware: &Rc<RefCell<Hardware>>, injector: &Rc<RefCell<Injector>>, clock: &Clock) -> Wiring {
     let faulty = |wire| Faulty::new(wire, injector.clone(), clock.clone());
     let addresses: Vec<u8> = hardware.borrow().chips.keys().copied().collect();
     let i2c = || I2cWire { hardware: hardware.clone(), clock: clock.clone() };
     let chips = addresses.into_iter().map(|address| Pca9685::new(faulty(i2c()), address, 50)).collect();
     let wire = SerialWire { hardware: hardware.clone(), clock: clock.clone() };
     let serial = Sts3215::new(Faulty::new(wire, injector.clone(), clock.clone()));
-    let mut numbers = robot.channels.iter().filter_map(|channel| match channel.bus {
-        Bus::Pwm { pin } => Some(pin),
-        _ => None,
-    });
-    let highest = numbers.by_ref().max().map_or(0, |most| most + 1);
-    debug_assert!(usize::from(highest) <= CHANNELS, "pins are numbered from 0");
     let pins = std::array::from_fn(|number| Pin { hardware: hardware.clone(), number: number as u8 });
     Wiring { chips, serial, pins: Pwm::new(pins, 20_000) }
 }
 
 fn moment(due: u64, player: &Player<'_, CHANNELS>, hardware: &Hardware, state: State, down: bool) -> Moment {
     let reached = (0..player.channels().len()).map(|channel| hardware.reached(channel) as f32).collect();
-    let state = match state {
-        State::Holding => "holding",
-        State::Playing => "playing",
-        State::Starved => "starved",
-        State::Returning => "returning",
-        State::Neutral => "neutral",
-        State::Stopping => "stopping",
-        State::Stopped => "stopped",
-    };
+    let state = motionette_link::message::State::from(state).name();
     let (commanded, motion, frame) = (player.angles().collect(), player.status().motions, player.frame());
     Moment { time: due as f64 / 1e6, commanded, reached, state, down, motion, frame }
 }

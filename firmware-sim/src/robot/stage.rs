@@ -1,7 +1,7 @@
 //! The robot's stage of the main job: the firmware starts, the motion is played, and what was asked to go wrong goes wrong.
 
 use anyhow::Result;
-use motionette::playback::body::Pose;
+use motionette::motion::Pose;
 use motionette::playback::{Robot, When};
 use motionette::{Anchor, Model, Request};
 
@@ -28,6 +28,8 @@ pub struct Stage<'s> {
     pub frames: &'s [Pose],
     /// Its anchors.
     pub anchors: &'s [Anchor],
+    /// How far the model's own rotations are off its positions, metres.
+    pub rotation_error: Option<f32>,
     /// What is to go wrong.
     pub faults: &'s [Kind],
     /// Seed of everything that is drawn.
@@ -77,7 +79,7 @@ impl Stage<'_> {
         let run: Run =
             simulation::run(&Scenario { robot: self.robot, events, faults: faults.clone(), seed: self.seed });
         Ok(Played {
-            report: RobotReport::new(self.robot, &run, &boot, &faults, self.frames, self.anchors),
+            report: RobotReport::new(self, &run, &boot, &faults),
             shown: ShownRobot::new(self.robot, &run, &faults),
             body: report::body(self.robot, &run, self.frames),
         })

@@ -162,6 +162,20 @@ impl From<playback::State> for State {
 }
 
 impl State {
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            State::Holding => "holding",
+            State::Playing => "playing",
+            State::Starved => "starved",
+            State::Returning => "returning",
+            State::Neutral => "neutral",
+            State::Stopping => "stopping",
+            State::Stopped => "stopped",
+        }
+    }
+
     /// Whether the body moves.
     #[must_use]
     pub const fn moves(self) -> bool {

@@ -30,7 +30,7 @@ use motionette_link::{Preset, Station, Store, Vitals};
 use panic_probe as _;
 use static_cell::{ConstStaticCell, StaticCell};
 
-use flash::{ReadOnly, Slots};
+use flash::Slots;
 use shared::Shared;
 
 /// The robot: `motionette robot pack ROBOT -o robot.bin`.
@@ -78,7 +78,7 @@ fn main() -> ! {
 
     let slots = Slots::new(Flash::new_blocking(peripherals.FLASH));
     let store = Store::open(&slots);
-    let station = Station::new(robot.name.as_str(), Preset::PICO2, control, &VITALS, Some(slots));
+    let station = Station::new(robot.name.as_str(), Preset::PICO2, control, &VITALS, Some(slots), &store);
     // SAFETY: the link's interrupt is not enabled yet.
     unsafe { STATION.set(station) };
     interrupt::SWI_IRQ_0.set_priority(Priority::P3);
@@ -98,8 +98,7 @@ struct Arena([u8; ARENA]);
 fn think(feeder: &mut Feeder<'static, CHANNELS>, arena: &mut [u8]) -> ! {
     let mut desk = Thread;
     loop {
-        let store = Store::open(&ReadOnly::SLOTS);
-        let blob = store.slot().zip(store.active()).and_then(|(slot, blob)| ReadOnly::blob(slot, blob.length as usize));
+        let blob = desk.with(|station| station.blob()).and_then(flash::blob);
         match blob.map(Model::open) {
             None => defmt::warn!("no slot holds a blob: send one with `motionette device send-blob`"),
             Some(Err(error)) => defmt::error!("the blob is refused: {}", defmt::Debug2Format(&error)),
@@ -111,9 +110,7 @@ fn think(feeder: &mut Feeder<'static, CHANNELS>, arena: &mut [u8]) -> ! {
             }
         }
         // Until there is one.
-        while !desk.with(|station| matches!(station.task(), Some(motionette_link::Task::Reopen))) {
-            desk.wait();
-        }
+        thread::wait_for_another(&mut desk);
     }
 }
 

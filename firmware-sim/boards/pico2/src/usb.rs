@@ -11,7 +11,7 @@ use embassy_usb::{Builder, Config};
 use heapless::Vec;
 use motionette_link::message::LossAction;
 use motionette_link::server::Silence;
-use motionette_link::{Server, Sink, Store};
+use motionette_link::{Server, Store};
 use static_cell::ConstStaticCell;
 
 use crate::STATION;
@@ -84,5 +84,4 @@ pub async fn serve(usb: Peri<'static, USB>, store: Store, finish_without_host: b
         }
     };
     join(device.run(), link).await;
-    let _ = Out::new().room();
 }

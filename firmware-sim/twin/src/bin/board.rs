@@ -8,12 +8,13 @@ use clap::Parser;
 use motionette::{Generator, Request};
 use motionette_host::blob_file::BlobFile;
 use motionette_link::Preset;
+use motionette_link::update::Layout;
 use motionette_sim::report::INSTRUCTIONS_PER_MAC;
 use motionette_twin::image;
 use serde_json::json;
 
 /// Flash that `memory.x` gives the firmware, and RAM.
-const FLASH: u64 = 448 * 1024;
+const FLASH: u64 = Layout::PICO2.offsets[0] as u64;
 const RAM: u64 = 512 * 1024;
 /// Stack that the runtime needs with a link interrupt and a servo tick on top of it (16 KiB painted in the emulator, and as much again).
 const STACK: u64 = 32 * 1024;
@@ -75,7 +76,10 @@ fn run(cli: &Cli) -> Result<()> {
     let fetched = plan.planning_macs as f64 / PLANNER_ROWS + decoder as f64 / DECODER_ROWS;
     let seconds = instructions * CYCLES / CLOCK + fetched / FLASH_BANDWIDTH;
     let motion = f64::from(preset.frames) / f64::from(model.frame_rate());
-    println!("flash                {flash} of {FLASH} bytes, and two slots for blobs of at most 1863680 bytes");
+    println!(
+        "flash                {flash} of {FLASH} bytes, and two slots of {} bytes for blobs",
+        Layout::PICO2.length
+    );
     println!("RAM                  {ram} of {RAM} bytes, {} left for the stack", RAM.saturating_sub(ram));
     println!(
         "preset               {motion} s of motion, {} planner steps, {} decoder evaluations",

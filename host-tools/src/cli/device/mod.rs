@@ -108,7 +108,7 @@ fn rest(client: &mut Session) -> Result<Value> {
     });
     bar.finish_and_clear();
     let status = client.status()?;
-    let state = report::state(state?);
+    let state = state?.name();
     say(&format!("at rest: {state}, {} ticks missed", status.device.missed_ticks));
     Ok(report::status(&status))
 }

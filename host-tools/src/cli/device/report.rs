@@ -1,22 +1,9 @@
 //! What a device says, in words and as JSON.
 
-use motionette_link::message::{Blob, Event, Hello, LossAction, Stage, State, Status};
+use motionette_link::message::{Blob, Event, Hello, LossAction, Stage, Status};
 use serde_json::{Value, json};
 
 use crate::cli::say;
-
-/// A state by name.
-pub fn state(state: State) -> &'static str {
-    match state {
-        State::Holding => "holding",
-        State::Playing => "playing",
-        State::Starved => "starved",
-        State::Returning => "returning",
-        State::Neutral => "neutral",
-        State::Stopping => "stopping",
-        State::Stopped => "stopped",
-    }
-}
 
 /// A stage by name.
 pub fn stage(stage: Stage) -> &'static str {
@@ -119,7 +106,7 @@ pub fn words(event: &Event) -> String {
 pub fn status(status: &Status) -> Value {
     let device = &status.device;
     json!({
-        "state": state(device.state),
+        "state": device.state.name(),
         "work": device.work.map(|work| json!({
             "job": work.job, "stage": stage(work.stage), "step": work.step, "steps": work.steps,
         })),
@@ -144,7 +131,7 @@ pub fn status(status: &Status) -> Value {
 
 pub fn say_status(status: &Status) {
     let device = &status.device;
-    say(&format!("{}, {} frames queued", state(device.state), device.frames_queued));
+    say(&format!("{}, {} frames queued", device.state.name(), device.frames_queued));
     if let Some(work) = device.work {
         say(&format!("request {}: {}, {} of {}", work.job, stage(work.stage), work.step, work.steps));
     }

@@ -40,7 +40,7 @@ impl Cmd {
             let status = client.status()?;
             let (now, before) = (&status.device, &last.device);
             if now.state != before.state {
-                say(report::state(now.state));
+                say(now.state.name());
             }
             for (what, now, before) in [
                 ("ticks missed", now.missed_ticks, before.missed_ticks),
