@@ -65,7 +65,7 @@ fn planner(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
     let Some(modules) = model.planning() else { return Ok(()) };
     let tokens = model.max_tokens();
     let limits = Limits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false };
-    let mut memory = vec![0u128; modules.bytes(tokens, &limits).div_ceil(16)];
+    let mut memory = vec![0u128; modules.bytes(tokens, &limits).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens, &limits)?;
     let _ = session.read(&Prompt::Text(PROMPT), &mut || Ok(()))?;

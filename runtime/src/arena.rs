@@ -58,6 +58,14 @@ impl<'a> Arena<'a> {
         Arena { free: &mut *self.free, used: self.used }
     }
 
+    /// Takes so many bytes as an arena of its own.
+    ///
+    /// # Errors
+    /// [`ArenaTooSmall`] when fewer are left.
+    pub fn part(&mut self, bytes: usize) -> Result<Arena<'a>, ArenaTooSmall> {
+        Ok(Arena { free: self.take(bytes)?, used: 0 })
+    }
+
     /// Bytes there are in all, those taken included.
     #[must_use]
     pub const fn available(&self) -> usize {

@@ -96,7 +96,7 @@ impl Plan {
         let token_bytes = bytes_of::<u16>(tokens * model.codebooks().quantizers());
         let (mut planning_bytes, mut planning_macs) = (0, 0);
         if let (Some(limits), Some(modules)) = (&limits.planning, model.planning()) {
-            planning_bytes = modules.bytes(tokens, limits);
+            planning_bytes = modules.bytes(tokens, limits).all();
             planning_macs = modules.macs(tokens, limits);
         }
         let rest = decoder_bytes + feature_bytes + path_bytes + embedding_bytes + solver_bytes;
@@ -185,7 +185,7 @@ impl StreamPlan {
         let token_bytes = bytes_of::<u16>(limits.tokens * model.codebooks().quantizers());
         let (mut planning_bytes, mut planning_macs) = (0, 0);
         if let (Some(planning), Some(modules)) = (&limits.planning, model.planning()) {
-            planning_bytes = bytes_of::<u16>(limits.tokens) + modules.bytes(limits.tokens, planning);
+            planning_bytes = bytes_of::<u16>(limits.tokens) + modules.bytes(limits.tokens, planning).all();
             planning_macs = modules.macs(limits.tokens, planning);
         }
         let token_macs = decoder.stream_macs(CHUNK, &channels(u32::MAX));

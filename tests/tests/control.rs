@@ -172,7 +172,7 @@ fn logits(tiny: &Tiny, scene: &Scene, planning: &Planning<'_>, anchors: bool) ->
     let modules = model.planning().expect("the blob plans");
     let tokens = scene.tokens.len();
     let limits = Limits { words: IDS.len(), steps: 1, guided: planning.guided(), anchors };
-    let bytes = modules.bytes(tokens, &limits);
+    let bytes = modules.bytes(tokens, &limits).all();
     let mut words = vec![0u128; bytes / 16];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut words));
     let mut session = Session::new(modules, &mut arena, tokens, &limits).expect("the planned bytes suffice");

@@ -17,7 +17,7 @@ const IDS: [u16; 6] = [2, 3, 1, 1, 6, 7];
 fn session<T>(tiny: &Tiny, tokens: usize, limits: Limits, work: impl FnOnce(&mut Session<'_, '_, '_>) -> T) -> T {
     let model = Model::open(tiny.bytes()).expect("the blob opens");
     let modules = model.planning().expect("the blob plans");
-    let bytes = modules.bytes(tokens, &limits);
+    let bytes = modules.bytes(tokens, &limits).all();
     let mut words = vec![0u128; bytes / 16];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut words));
     let mut session = Session::new(modules, &mut arena, tokens, &limits).expect("the planned bytes suffice");

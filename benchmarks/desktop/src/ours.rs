@@ -83,7 +83,7 @@ impl<'m> Planner<'m> {
     /// When the model knows none of its words.
     pub fn new(modules: Modules<'m, 'm>, tokens: usize) -> Result<Self> {
         let limits = Limits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false };
-        let mut arena = Arena::new(memory(modules.bytes(tokens, &limits)));
+        let mut arena = Arena::new(memory(modules.bytes(tokens, &limits).all()));
         let mut session = Session::new(modules, &mut arena, tokens, &limits)?;
         let read = session.read(&Prompt::Text(PROMPT), &mut || Ok(()))?;
         read.map_err(|_| anyhow!("reading was interrupted"))?;

@@ -151,7 +151,7 @@ pub fn logits(blob: &BlobFile, case: &Case, tokens: &[u16], time: f64) -> Result
     let frames = tokens.len() * model.frames_per_token();
     let anchors = AnchorSet::new(&case.runtime_anchors(), frames).map_err(refused_anchors)?;
     let limits = Limits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty() };
-    let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits).div_ceil(16)];
+    let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens.len(), &limits).map_err(Error::Arena)?;
     let mut go_on = || Ok(());

@@ -319,7 +319,7 @@ impl MotionStream<'_, '_> {
         planning.check(capacity, codes, frames_per_token)?;
 
         let limits = planning::Limits { words, steps: planning.steps, guided: planning.guided(), anchors: false };
-        let needed = self.spare.used() + bytes_of::<u16>(capacity) + modules.bytes(context + count, &limits);
+        let needed = self.spare.used() + bytes_of::<u16>(capacity) + modules.bytes(context + count, &limits).all();
         let available = self.spare.available();
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
         if needed > available {

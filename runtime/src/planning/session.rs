@@ -59,10 +59,121 @@ struct Lengths {
     x: usize,
     own: usize,
     own_scales: usize,
-    hidden: usize,
-    /// The larger of a block's logits and what reading anchors needs.
-    logits: usize,
+    guided: usize,
+    /// Of reading anchors.
+    work: usize,
+    codes: usize,
+    /// Of the metric.
+    units: usize,
     sizes: Sizes,
+}
+
+/// Bytes of a session by purpose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Bytes {
+    /// Keys and values of prompts.
+    pub text: usize,
+    /// Keys and values of anchors, and what they tell each row.
+    pub anchors: usize,
+    /// Rows, proposals and what was read.
+    pub rows: usize,
+    /// One pass of the planner.
+    pub pass: usize,
+    /// Drawing tokens by the last pass, in the place of that pass.
+    pub draw: usize,
+}
+
+impl Bytes {
+    /// In all: the larger of pass and draw counts.
+    #[must_use]
+    pub const fn all(&self) -> usize {
+        self.text + self.anchors + self.rows + self.working()
+    }
+
+    const fn working(&self) -> usize {
+        if self.pass > self.draw { self.pass } else { self.draw }
+    }
+}
+
+/// What the blocks work in, while text and anchors are read and in each pass over the tokens.
+#[derive(Debug)]
+struct Pass<'s> {
+    keys: &'s mut [i8],
+    values: &'s mut [i8],
+    key_scales: &'s mut [f32],
+    value_scales: &'s mut [f32],
+    scratch: Scratch<'s>,
+    /// Rows of the pass that knows the prompt, `[L][d]`; none without guidance.
+    guided: &'s mut [f32],
+    /// Of reading anchors.
+    work: &'s mut [f32],
+}
+
+impl<'s> Pass<'s> {
+    fn bytes(l: &Lengths) -> usize {
+        2 * bytes_of::<i8>(l.own)
+            + 2 * bytes_of::<f32>(l.own_scales)
+            + Scratch::bytes(&l.sizes)
+            + bytes_of::<f32>(l.guided)
+            + bytes_of::<f32>(l.work)
+    }
+
+    fn new(arena: &mut Arena<'s>, l: &Lengths) -> Result<Self, ArenaTooSmall> {
+        Ok(Pass {
+            keys: arena.take(l.own)?,
+            values: arena.take(l.own)?,
+            key_scales: arena.take(l.own_scales)?,
+            value_scales: arena.take(l.own_scales)?,
+            scratch: Scratch::new(arena, &l.sizes)?,
+            guided: arena.take(l.guided)?,
+            work: arena.take(l.work)?,
+        })
+    }
+
+    /// Room for the keys and values of so many rows, and the rest.
+    fn split(&mut self, rows: usize) -> (SegmentMut<'_>, &mut Scratch<'s>) {
+        let Pass { keys, values, key_scales, value_scales, scratch, .. } = self;
+        (SegmentMut { rows, keys, key_scales, values, value_scales }, scratch)
+    }
+}
+
+/// What tokens are drawn in.
+#[derive(Debug)]
+struct Draw<'s> {
+    scratch: Scratch<'s>,
+    /// `[BLOCK][V]`
+    logits: &'s mut [f32],
+    /// `[V]`
+    weights: &'s mut [f32],
+    /// Of the metric, `[V][du]`.
+    units: &'s mut [f32],
+}
+
+impl<'s> Draw<'s> {
+    fn bytes(l: &Lengths) -> usize {
+        Scratch::bytes(&l.sizes)
+            + bytes_of::<f32>(BLOCK * l.codes)
+            + bytes_of::<f32>(l.codes)
+            + bytes_of::<f32>(l.units)
+    }
+
+    fn new(arena: &mut Arena<'s>, l: &Lengths) -> Result<Self, ArenaTooSmall> {
+        Ok(Draw {
+            scratch: Scratch::new(arena, &l.sizes)?,
+            logits: arena.take(BLOCK * l.codes)?,
+            weights: arena.take(l.codes)?,
+            units: arena.take(l.units)?,
+        })
+    }
+
+    /// Computes the logits `[..][V]` of up to [`BLOCK`] positions, of the rows of a pass from theirs on.
+    fn block(&mut self, planner: &Planner<'_>, rows: &[f32]) {
+        let (width, codes) = (planner.width().max(1), planner.codes());
+        let count = (rows.len() / width).min(BLOCK);
+        if let (Some(rows), Some(logits)) = (rows.get(..count * width), self.logits.get_mut(..count * codes)) {
+            planner.logits(rows, logits, &mut self.scratch);
+        }
+    }
 }
 
 impl<'m, 'b> Modules<'m, 'b> {
@@ -95,13 +206,13 @@ impl<'m, 'b> Modules<'m, 'b> {
             own = most(own, memory * dt);
             own_scales = most(own_scales, memory * encoder.stack().heads().count);
         }
-        let (mut x, mut logits) = (most(memory * dt, rows * d), BLOCK * self.planner.codes());
+        let (mut x, mut work) = (most(memory * dt, rows * d), 0);
         if let Some(control) = control {
             sizes = sizes.with(control.sizes(tokens));
             own = most(own, tokens * control.scaffold_width());
             own_scales = most(own_scales, tokens * control.scaffold_heads().count);
             x = most(x, tokens * control.scaffold_width());
-            logits = most(logits, control.work());
+            work = control.work();
         }
         Lengths {
             words,
@@ -111,32 +222,30 @@ impl<'m, 'b> Modules<'m, 'b> {
             x,
             own,
             own_scales,
-            hidden: if limits.guided { tokens * d } else { 0 },
-            logits,
+            guided: if limits.guided { tokens * d } else { 0 },
+            work,
+            codes: self.planner.codes(),
+            units: Metric::len(self.codebooks),
             sizes,
         }
     }
 
     /// Arena bytes of [`Session::new`].
     #[must_use]
-    pub fn bytes(&self, tokens: usize, limits: &Limits) -> usize {
+    pub fn bytes(&self, tokens: usize, limits: &Limits) -> Bytes {
         let l = self.lengths(tokens, limits);
-        let codes = self.planner.codes();
-        Condition::bytes(self.planner, l.words, 1)
-            + Condition::bytes(self.planner, l.none, usize::from(limits.guided))
-            + Condition::bytes(self.planner, l.anchors.0, l.anchors.1)
-            + bytes_of::<u16>(l.words)
-            + bytes_of::<f32>(self.text.width())
-            + bytes_of::<f32>(self.text.length().outputs())
-            + bytes_of::<f32>(l.x)
-            + 2 * bytes_of::<i8>(l.own)
-            + 2 * bytes_of::<f32>(l.own_scales)
-            + bytes_of::<f32>(l.hidden)
-            + Scratch::bytes(&l.sizes)
-            + bytes_of::<f32>(Metric::len(self.codebooks))
-            + bytes_of::<f32>(l.logits)
-            + bytes_of::<f32>(codes)
-            + bytes_of::<u16>(l.tokens)
+        Bytes {
+            text: Condition::bytes(self.planner, l.words, 1)
+                + Condition::bytes(self.planner, l.none, usize::from(limits.guided)),
+            anchors: Condition::bytes(self.planner, l.anchors.0, l.anchors.1),
+            rows: bytes_of::<u16>(l.words)
+                + bytes_of::<f32>(self.text.width())
+                + bytes_of::<f32>(self.text.length().outputs())
+                + bytes_of::<f32>(l.x)
+                + bytes_of::<u16>(l.tokens),
+            pass: Pass::bytes(&l),
+            draw: Draw::bytes(&l),
+        }
     }
 
     /// Multiply-accumulates of a plan at most: text and anchors read, all passes, logits and distances of every position and step.
@@ -179,23 +288,12 @@ pub struct Session<'m, 'b, 'w> {
     lengths: &'w mut [f32],
     /// Memory `[n][dt]` while text is read, the scaffold `[L][ds]` while anchors are, then rows `[1 + L][d]`.
     x: &'w mut [f32],
-    keys: &'w mut [i8],
-    values: &'w mut [i8],
-    key_scales: &'w mut [f32],
-    value_scales: &'w mut [f32],
-    /// `[L][d]`
-    hidden: &'w mut [f32],
-    scratch: Scratch<'w>,
-    metric: Metric<'w>,
-    /// `[BLOCK][V]`, before that scratch of reading anchors.
-    logits: &'w mut [f32],
-    /// `[V]`
-    weights: &'w mut [f32],
     /// `[L]`
     proposal: &'w mut [u16],
     predicted: usize,
-    /// Whether there is room for anchors.
-    anchored: bool,
+    needed: Lengths,
+    /// Where [`Pass`] and [`Draw`] take turns.
+    spare: Arena<'w>,
 }
 
 impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
@@ -210,7 +308,6 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         limits: &Limits,
     ) -> Result<Self, ArenaTooSmall> {
         let l = modules.lengths(tokens, limits);
-        let codes = modules.planner.codes();
         Ok(Session {
             modules,
             text: Condition::new(modules.planner, arena, l.words, 1)?,
@@ -220,18 +317,10 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             pooled: arena.take(modules.text.width())?,
             lengths: arena.take(modules.text.length().outputs())?,
             x: arena.take(l.x)?,
-            keys: arena.take(l.own)?,
-            values: arena.take(l.own)?,
-            key_scales: arena.take(l.own_scales)?,
-            value_scales: arena.take(l.own_scales)?,
-            hidden: arena.take(l.hidden)?,
-            scratch: Scratch::new(arena, &l.sizes)?,
-            metric: Metric::new(modules.codebooks, arena.take(Metric::len(modules.codebooks))?),
-            logits: arena.take(l.logits)?,
-            weights: arena.take(codes)?,
             proposal: arena.take(l.tokens)?,
             predicted: 0,
-            anchored: l.anchors.0 > 0,
+            needed: l,
+            spare: arena.part(modules.bytes(tokens, limits).working())?,
         })
     }
 
@@ -255,9 +344,11 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
 
     fn read_both(&mut self, reading: Reading<'_>, check: Check<'_>) -> Result<(), Interrupted> {
         self.encode(reading, false, check)?;
-        self.scratch.linear(self.modules.text.length(), self.pooled, self.lengths);
+        if let Ok(mut pass) = Pass::new(&mut self.spare.overlay(), &self.needed) {
+            pass.scratch.linear(self.modules.text.length(), self.pooled, self.lengths);
+        }
         self.predicted = length::median(self.lengths);
-        if self.hidden.is_empty() {
+        if self.needed.guided == 0 {
             return Ok(());
         }
         let none = match self.modules.text.encoder() {
@@ -274,20 +365,15 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
 
     fn encode(&mut self, reading: Reading<'_>, none: bool, check: Check<'_>) -> Result<(), Interrupted> {
         let Modules { text, planner, .. } = self.modules;
+        let Ok(mut pass) = Pass::new(&mut self.spare.overlay(), &self.needed) else { return Ok(()) };
         let width = text.width();
         let memory = match reading {
             Reading::Words(count) => {
                 let memory = self.x.get_mut(..count * width).unwrap_or(&mut []);
                 if let Some(encoder) = text.encoder() {
                     let words = self.words.get(..count).unwrap_or(&[]);
-                    let mut own = SegmentMut {
-                        rows: count,
-                        keys: self.keys,
-                        key_scales: self.key_scales,
-                        values: self.values,
-                        value_scales: self.value_scales,
-                    };
-                    encoder.encode(words, memory, self.pooled, &mut own, &mut self.scratch, check)?;
+                    let (mut own, scratch) = pass.split(count);
+                    encoder.encode(words, memory, self.pooled, &mut own, scratch, check)?;
                 }
                 memory
             }
@@ -301,7 +387,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             },
         };
         let condition = if none { &mut self.none } else { &mut self.text };
-        planner.read(memory, self.pooled, condition, &mut self.scratch, check)
+        planner.read(memory, self.pooled, condition, &mut pass.scratch, check)
     }
 
     /// Reads the anchors of a motion of `tokens` tokens, no more than the session was made for: from here on they condition every
@@ -313,17 +399,13 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
     pub fn anchor(&mut self, anchors: &AnchorSet, tokens: usize, check: Check<'_>) -> Result<(), Interrupted> {
         let Modules { planner, control: Some(control), .. } = self.modules else { return Ok(()) };
         let Some(h) = self.x.get_mut(..tokens * control.scaffold_width()) else { return Ok(()) };
-        if !self.anchored || !anchors.iter().any(|anchor| control.sees(anchor.family)) {
+        if self.needed.anchors.0 == 0 || !anchors.iter().any(|anchor| control.sees(anchor.family)) {
             return Ok(());
         }
-        let mut own = SegmentMut {
-            rows: tokens,
-            keys: self.keys,
-            key_scales: self.key_scales,
-            values: self.values,
-            value_scales: self.value_scales,
-        };
-        control.read(planner, anchors, h, &mut own, &mut self.anchors, self.logits, &mut self.scratch, check)
+        let Ok(mut pass) = Pass::new(&mut self.spare.overlay(), &self.needed) else { return Ok(()) };
+        let work = core::mem::take(&mut pass.work);
+        let (mut own, scratch) = pass.split(tokens);
+        control.read(planner, anchors, h, &mut own, &mut self.anchors, work, scratch, check)
     }
 
     /// The sampler's constants.
@@ -363,54 +445,49 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let width = planner.width();
         let rows = 1 + tokens.len();
         let Some(x) = self.x.get_mut(..rows * width) else { return Ok(()) };
-        let mut own = SegmentMut {
-            rows,
-            keys: self.keys,
-            key_scales: self.key_scales,
-            values: self.values,
-            value_scales: self.value_scales,
-        };
+        let Ok(mut pass) = Pass::new(&mut self.spare.overlay(), &self.needed) else { return Ok(()) };
+        let guided = core::mem::take(&mut pass.guided);
+        let (mut own, scratch) = pass.split(rows);
         let input = Input { tokens, time, planning };
-        planner.forward(&input, &self.text, Some(&self.anchors), x, &mut own, &mut self.scratch, check)?;
-        if !planning.guided() || self.hidden.is_empty() {
+        planner.forward(&input, &self.text, Some(&self.anchors), x, &mut own, scratch, check)?;
+        if !planning.guided() || guided.is_empty() {
             return Ok(());
         }
-        for (to, from) in self.hidden.iter_mut().zip(x.iter().skip(width)) {
+        for (to, from) in guided.iter_mut().zip(x.iter().skip(width)) {
             *to = *from;
         }
         // What guides is text and anchors together: the other end knows neither.
-        planner.forward(&input, &self.none, None, x, &mut own, &mut self.scratch, check)?;
-        for (none, text) in x.iter_mut().skip(width).zip(self.hidden.iter()) {
+        planner.forward(&input, &self.none, None, x, &mut own, scratch, check)?;
+        for (none, text) in x.iter_mut().skip(width).zip(guided.iter()) {
             *none += planning.guidance * (*text - *none);
         }
         Ok(())
     }
 
-    /// Logits of up to [`BLOCK`] positions from `first` on, `[..][V]`, of the last pass over `tokens` tokens.
-    fn block(&mut self, first: usize, tokens: usize) -> &mut [f32] {
-        let planner = self.modules.planner;
-        let (width, codes) = (planner.width(), planner.codes());
-        let left = tokens.saturating_sub(first);
-        let count = if left < BLOCK { left } else { BLOCK };
-        let h = self.x.get((1 + first) * width..(1 + first + count) * width).unwrap_or(&[]);
-        let Some(logits) = self.logits.get_mut(..count * codes) else { return &mut [] };
-        planner.logits(h, logits, &mut self.scratch);
-        logits
-    }
-
     /// Guided logits `[V]` of one position, as the last pass left them.
     pub fn logits(&mut self, position: usize) -> &[f32] {
-        self.block(position, position + 1)
+        let planner = self.modules.planner;
+        let Ok(mut draw) = Draw::new(&mut self.spare.overlay(), &self.needed) else { return &[] };
+        let width = planner.width();
+        draw.block(planner, self.x.get((1 + position) * width..(2 + position) * width).unwrap_or(&[]));
+        draw.logits.get(..planner.codes()).unwrap_or(&[])
     }
 
     /// Draws a proposal for every position of the last pass, and moves `tokens` towards it: the whole way without `step`.
     pub fn advance(&mut self, planning: &Planning<'_>, step: Option<&Step>, stream: &mut Stream, tokens: &mut [u16]) {
-        let (count, codes) = (tokens.len(), self.modules.planner.codes().max(1));
+        let planner = self.modules.planner;
+        let (width, codes) = (planner.width().max(1), planner.codes().max(1));
+        let Ok(mut draw) = Draw::new(&mut self.spare.overlay(), &self.needed) else { return };
+        let units = core::mem::take(&mut draw.units);
+        // Computed anew in each step: it costs less than the memory that it would take from the passes.
+        let metric = step.map(|step| (step, Metric::new(self.modules.codebooks, units)));
         let sampling: Sampling = planning.sampling;
-        for first in (0..count).step_by(BLOCK) {
-            let _ = self.block(first, count);
-            let positions = tokens.iter_mut().zip(self.proposal.iter_mut()).enumerate().skip(first);
-            for (logits, (i, (token, proposal))) in self.logits.chunks_exact_mut(codes).take(BLOCK).zip(positions) {
+        let rows = self.x.get(width..(1 + tokens.len()) * width).unwrap_or(&[]);
+        let mut positions = tokens.iter_mut().zip(self.proposal.iter_mut()).enumerate();
+        for rows in rows.chunks(BLOCK * width) {
+            draw.block(planner, rows);
+            let logits = draw.logits.chunks_exact_mut(codes).take(rows.len() / width);
+            for (logits, (i, (token, proposal))) in logits.zip(positions.by_ref()) {
                 let proposed = sampling.propose(logits, stream);
                 let draws = (stream.unit(), stream.unit());
                 if planning.fixed_at(i).is_some() {
@@ -418,9 +495,9 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
                     continue;
                 }
                 *proposal = proposed;
-                *token = match step {
+                *token = match &metric {
                     None => proposed,
-                    Some(step) => self.metric.advance(*token, proposed, step, draws, logits, self.weights),
+                    Some((step, metric)) => metric.advance(*token, proposed, step, draws, logits, draw.weights),
                 };
             }
         }
