@@ -34,6 +34,8 @@ pub struct Planning {
     pub conditioned: bool,
     /// Arena bytes; decoding and refinement take the same place afterwards.
     pub bytes: usize,
+    /// These by purpose; the sum is `bytes`.
+    pub arena: Vec<Share>,
     /// Multiply-accumulates at most.
     pub macs: u64,
 }
@@ -160,11 +162,12 @@ pub fn plan(
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
     let mut arena = vec![
         share("tokens", plan.token_bytes),
-        share("decoder layers and joints", plan.decoder_bytes),
-        share("features and gradient", plan.feature_bytes),
+        share("decoder layers", plan.decoder_bytes),
+        share("decoder, bits for the gradient", plan.gate_bytes),
+        share("features and gradient, joints", plan.feature_bytes),
         share("root path and gradient", plan.path_bytes),
         share("token embeddings", plan.embedding_bytes),
-        share("solver", plan.solver_bytes),
+        share("solver, then rotations", plan.solver_bytes.max(plan.rotation_bytes)),
     ];
     // Planning comes first and leaves its place to everything but the tokens.
     let rest: u64 = arena.iter().map(|s| s.amount).sum();
@@ -181,7 +184,13 @@ pub fn plan(
             steps: limits.steps,
             guided: limits.guided,
             conditioned: limits.anchors,
-            bytes: plan.planning_bytes,
+            bytes: plan.planning.all(),
+            arena: vec![
+                share("text, keys and values", plan.planning.text),
+                share("anchors, keys and values", plan.planning.anchors),
+                share("rows and proposals", plan.planning.rows),
+                share("a pass, then drawing tokens", plan.planning.pass.max(plan.planning.draw)),
+            ],
             macs: plan.planning_macs,
         }),
         solver_evaluations: if anchors > 0 { refinement.evaluations } else { 0 },
@@ -215,7 +224,7 @@ fn stream(model: &Model<'_>, limits: &StreamLimits) -> Stream {
             share("tokens", plan.token_bytes),
             share("decoder state", plan.state_bytes),
             share("decoder layers", plan.decoder_bytes),
-            share("frames and root path", plan.frame_bytes),
+            share("root path", plan.path_bytes),
             share("planning", plan.planning_bytes),
         ],
         object_bytes: size_of::<MotionStream<'_, '_>>(),

@@ -35,9 +35,9 @@ fn decoder(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
     let (decoder, tokens) = (model.decoder(), model.max_tokens());
     for (name, joints) in [("root", 1), ("all", u32::MAX)] {
         let channels = humanml3d::channels(joints);
-        let mut memory = vec![0u128; decoder.workspace_bytes(tokens, channels.count(), 0).div_ceil(16)];
+        let mut memory = vec![0u128; decoder.workspace_bytes(tokens, channels.count()).div_ceil(16)];
         let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
-        let mut work = decoder.workspace(&mut arena, tokens, channels.count(), 0)?;
+        let mut work = decoder.workspace(&mut arena, tokens, channels.count())?;
         let mut stream = Stream::new(1);
         let codes = u32::try_from(model.codebooks().codes())?;
         let mut u = vec![0.0; tokens * decoder.code_width()];

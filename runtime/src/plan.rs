@@ -3,6 +3,7 @@
 use crate::JOINTS;
 use crate::arena::bytes_of;
 use crate::decoding::stream::CHUNK;
+use crate::generator::rotations;
 use crate::model::Model;
 use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
 use crate::planning;
@@ -27,15 +28,17 @@ pub struct Plan {
     /// Arena bytes in all, from a 16-byte boundary: exactly what [`crate::Generator`] takes.
     ///
     /// Tokens lie below everything. Planning comes first and leaves nothing else behind: decoding and refinement take its
-    /// place, so the larger of the two counts.
+    /// place, so the larger of the two counts. In the same way what rotations come from takes the solver's place.
     pub arena_bytes: usize,
     /// Of these, bytes of the tokens.
     pub token_bytes: usize,
-    /// Bytes of planning, in the place of what follows.
-    pub planning_bytes: usize,
-    /// Bytes of the bytes of the decoder's layers (the finished joints lie there too).
+    /// Bytes of planning by purpose, in the place of what follows.
+    pub planning: planning::Bytes,
+    /// Bytes of the decoder's layers that grow with the motion: a bit for each ReLU.
+    pub gate_bytes: usize,
+    /// Bytes of the decoder's layers that do not grow with a motion of more than a chunk.
     pub decoder_bytes: usize,
-    /// Bytes of the features and their gradient.
+    /// Bytes of the features and their gradient (the finished joints lie there too).
     pub feature_bytes: usize,
     /// Bytes of the root path and its gradient.
     pub path_bytes: usize,
@@ -43,6 +46,8 @@ pub struct Plan {
     pub embedding_bytes: usize,
     /// Bytes of the solver.
     pub solver_bytes: usize,
+    /// Bytes of what rotations come from, in the place of the solver's.
+    pub rotation_bytes: usize,
     /// Decoder evaluations at most, the final one included.
     pub evaluations: u32,
     /// Decoder gradients at most.
@@ -73,9 +78,6 @@ pub(crate) const fn feature_columns(anchors: usize) -> usize {
     if solver > POSITION_CHANNELS { solver } else { POSITION_CHANNELS }
 }
 
-/// Joint coordinates of a frame, which take the decoder's sequence buffer over at the end.
-pub(crate) const JOINT_COLUMNS: usize = 3 * JOINTS;
-
 impl Plan {
     /// The plan for requests inside `limits`.
     #[must_use]
@@ -83,7 +85,10 @@ impl Plan {
         let decoder = model.decoder();
         let tokens = limits.tokens;
         let frames = tokens * decoder.upsampling();
-        let decoder_bytes = decoder.workspace_bytes(tokens, POSITION_CHANNELS, JOINT_COLUMNS);
+        let gate_bytes = decoder.gate_bytes(tokens);
+        let decoder_bytes = decoder.workspace_bytes(tokens, POSITION_CHANNELS) - gate_bytes;
+        let columns = rotations::columns(decoder.output());
+        let rotation_bytes = bytes_of::<i16>(frames * columns) + bytes_of::<f32>(if columns > 0 { frames } else { 0 });
         let feature_bytes = bytes_of::<f32>(frames * feature_columns(limits.anchors));
         let path_bytes = 7 * bytes_of::<f32>(frames);
         let embedding_bytes = bytes_of::<f32>(tokens * decoder.code_width());
@@ -94,25 +99,28 @@ impl Plan {
             steps = u32::from(limits.refinement.evaluations);
         }
         let token_bytes = bytes_of::<u16>(tokens * model.codebooks().quantizers());
-        let (mut planning_bytes, mut planning_macs) = (0, 0);
+        let (mut planning, mut planning_macs) = (planning::Bytes::default(), 0);
         if let (Some(limits), Some(modules)) = (&limits.planning, model.planning()) {
-            planning_bytes = modules.bytes(tokens, limits).all();
+            planning = modules.bytes(tokens, limits);
             planning_macs = modules.macs(tokens, limits);
         }
-        let rest = decoder_bytes + feature_bytes + path_bytes + embedding_bytes + solver_bytes;
+        let refining = if solver_bytes > rotation_bytes { solver_bytes } else { rotation_bytes };
+        let rest = gate_bytes + decoder_bytes + feature_bytes + path_bytes + embedding_bytes + refining;
         let whole = decoder.macs(tokens, &channels(u32::MAX));
         // The most expensive choice of joints: as many as there are anchors, from the first on.
         let mask = (1u64 << (1 + if limits.anchors < JOINTS { limits.anchors } else { JOINTS })) - 1;
         let partial = decoder.macs(tokens, &channels(mask as u32));
         let plan = Plan {
-            arena_bytes: token_bytes + if planning_bytes > rest { planning_bytes } else { rest },
+            arena_bytes: token_bytes + if planning.all() > rest { planning.all() } else { rest },
             token_bytes,
-            planning_bytes,
+            planning,
+            gate_bytes,
             decoder_bytes,
             feature_bytes,
             path_bytes,
             embedding_bytes,
             solver_bytes,
+            rotation_bytes,
             evaluations: steps + 1,
             gradients: steps,
             planning_macs,
@@ -153,8 +161,8 @@ pub struct StreamPlan {
     pub state_bytes: usize,
     /// Bytes of the decoder's other buffers.
     pub decoder_bytes: usize,
-    /// Bytes of the frames that are handed out, their root path included.
-    pub frame_bytes: usize,
+    /// Bytes of the root path of the frames that are handed out.
+    pub path_bytes: usize,
     /// Bytes of the tokens.
     pub token_bytes: usize,
     /// Bytes of planning a segment, in use only while it is planned.
@@ -181,7 +189,7 @@ impl StreamPlan {
         let frames = CHUNK * model.frames_per_token();
         let state_bytes = decoder.tail_bytes();
         let decoder_bytes = decoder.stream_bytes(POSITION_CHANNELS).saturating_sub(state_bytes);
-        let frame_bytes = 4 * bytes_of::<f32>(frames) + bytes_of::<f32>(frames * JOINT_COLUMNS);
+        let path_bytes = 4 * bytes_of::<f32>(frames);
         let token_bytes = bytes_of::<u16>(limits.tokens * model.codebooks().quantizers());
         let (mut planning_bytes, mut planning_macs) = (0, 0);
         if let (Some(planning), Some(modules)) = (&limits.planning, model.planning()) {
@@ -190,10 +198,10 @@ impl StreamPlan {
         }
         let token_macs = decoder.stream_macs(CHUNK, &channels(u32::MAX));
         StreamPlan {
-            arena_bytes: state_bytes + decoder_bytes + frame_bytes + token_bytes + planning_bytes,
+            arena_bytes: state_bytes + decoder_bytes + path_bytes + token_bytes + planning_bytes,
             state_bytes,
             decoder_bytes,
-            frame_bytes,
+            path_bytes,
             token_bytes,
             planning_bytes,
             frames,

@@ -24,7 +24,7 @@ fn runtime_gradient(model: &Model<'_>, u: &[f32], terms: &[Term]) -> Vec<f32> {
     let selected = channels(joints);
     let mut memory = vec![0u8; 1 << 22];
     let mut arena = Arena::new(&mut memory);
-    let mut work = decoder.workspace(&mut arena, tokens, selected.count(), 0).unwrap();
+    let mut work = decoder.workspace(&mut arena, tokens, selected.count()).unwrap();
     let mut take = |count| arena.take::<f32>(count).unwrap();
     let mut path = Path {
         cos: take(frames),

@@ -56,9 +56,9 @@ fn features(model: &Model<'_>, tokens: &[u16]) -> Vec<f32> {
     assert!(all.push(0, decoder.features()));
     let mut u = vec![0.0; length * decoder.code_width()];
     codebooks.embed(tokens, &mut u).expect("published ids");
-    let mut bytes = vec![0_u128; decoder.workspace_bytes(length, all.count(), 0).div_ceil(16)];
+    let mut bytes = vec![0_u128; decoder.workspace_bytes(length, all.count()).div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut bytes));
-    let mut work = decoder.workspace(&mut arena, length, all.count(), 0).expect("an arena as planned");
+    let mut work = decoder.workspace(&mut arena, length, all.count()).expect("an arena as planned");
     let mut out = vec![0.0; length * decoder.upsampling() * all.count()];
     decoder.forward(&u, &all, &mut out, &mut work, &mut || Ok(())).expect("not interrupted");
     out

@@ -4,7 +4,7 @@
 use motionette::arena::Arena;
 use motionette::decoding::decoder::Interrupted;
 use motionette::hash::Stream;
-use motionette::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels};
+use motionette::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
 use motionette::{
     Error, Flow, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, Request, StreamLimits,
     StreamPlan,
@@ -52,9 +52,9 @@ fn whole_of_any_length(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
     let length = tokens.len() / model.codebooks().quantizers();
     let frames = length * decoder.upsampling();
     let all = channels(u32::MAX);
-    let mut memory = vec![0u8; decoder.workspace_bytes(length, POSITION_CHANNELS, 0) + 16 * frames + 256];
+    let mut memory = vec![0u8; decoder.workspace_bytes(length, POSITION_CHANNELS) + 16 * frames + 256];
     let mut arena = Arena::new(&mut memory);
-    let mut work = decoder.workspace(&mut arena, length, POSITION_CHANNELS, 0).unwrap();
+    let mut work = decoder.workspace(&mut arena, length, POSITION_CHANNELS).unwrap();
     let mut take = |count| arena.take::<f32>(count).unwrap();
     let (cos, sin, x, z) = (take(frames), take(frames), take(frames), take(frames));
     let mut path = Path { cos, sin, x, z, d_angle: &mut [], d_x: &mut [], d_z: &mut [] };
@@ -64,9 +64,7 @@ fn whole_of_any_length(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
     decoder.forward(&u, &all, &mut values, &mut work, &mut || Ok::<(), Interrupted>(())).unwrap();
     let features = Features { values: &values, channels: &all, mean: model.mean(), std: model.std() };
     features.integrate(&mut path);
-    let mut joints = vec![0.0; frames * 3 * JOINTS];
-    features.joints(&path, &mut joints);
-    joints.iter().map(|v| v.to_bits()).collect()
+    joints(&mut values, &path, model.mean(), model.std()).iter().map(|v| v.to_bits()).collect()
 }
 
 /// Takes all frames that are to be had.

@@ -3,7 +3,7 @@
 
 use motionette::arena::Arena;
 use motionette::hash::Stream;
-use motionette::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels};
+use motionette::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
 use motionette::planning::{self, PlanningError};
 use motionette::{
     Error, Fixed, Flow, Frame, Generator, JOINTS, Length, Limits, Model, MotionStream, Observer, Plan, Planning,
@@ -390,8 +390,8 @@ fn forgetful(model: &Model<'_>, tokens: &[u16]) -> Vec<Frame> {
     let all = channels(u32::MAX);
     let mut values: Vec<f32> = Vec::new();
     for tokens in tokens.chunks(LENGTH) {
-        let mut memory = vec![0u8; decoder.workspace_bytes(tokens.len(), POSITION_CHANNELS, 0) + 16];
-        let mut work = decoder.workspace(&mut Arena::new(&mut memory), tokens.len(), POSITION_CHANNELS, 0).unwrap();
+        let mut memory = vec![0u8; decoder.workspace_bytes(tokens.len(), POSITION_CHANNELS) + 16];
+        let mut work = decoder.workspace(&mut Arena::new(&mut memory), tokens.len(), POSITION_CHANNELS).unwrap();
         let mut u = vec![0.0; tokens.len() * decoder.code_width()];
         model.codebooks().embed(tokens, &mut u).unwrap();
         let mut piece = vec![0.0; tokens.len() * per_token * all.count()];
@@ -403,9 +403,7 @@ fn forgetful(model: &Model<'_>, tokens: &[u16]) -> Vec<Frame> {
     let [cos, sin, x, z] = &mut buffers;
     let mut path = Path { cos, sin, x, z, d_angle: &mut [], d_x: &mut [], d_z: &mut [] };
     features.integrate(&mut path);
-    let mut joints = vec![0.0; tokens.len() * per_token * 3 * JOINTS];
-    features.joints(&path, &mut joints);
-    bytemuck::cast_slice(&joints).to_vec()
+    bytemuck::cast_slice(joints(&mut values, &path, model.mean(), model.std())).to_vec()
 }
 
 fn all_frames(stream: &mut MotionStream<'_, '_>, frames: &mut Vec<Frame>) {

@@ -333,8 +333,8 @@ fn painted_memory_is_what_the_plan_says() {
             };
             let plan = Generator::new(model.clone(), memory).unwrap().plan(&request).unwrap();
             let planned = plan.arena_bytes;
-            if plan.planning_bytes > 0 {
-                larger[usize::from(planned == plan.token_bytes + plan.planning_bytes)] = true;
+            if plan.planning.all() > 0 {
+                larger[usize::from(planned == plan.token_bytes + plan.planning.all())] = true;
             }
             assert_eq!(used(&mut memory[..planned]), Ok(planned));
             match used(&mut memory[..planned - 1]) {

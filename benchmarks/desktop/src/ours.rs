@@ -43,8 +43,8 @@ impl<'m> Decoder<'m> {
     /// When they are too small, which would be a bug.
     pub fn new(model: &'m Model<'m>, channels: Channels) -> Result<Self> {
         let (decoder, tokens) = (model.decoder(), model.max_tokens());
-        let mut arena = Arena::new(memory(decoder.workspace_bytes(tokens, channels.count(), 0)));
-        let work = decoder.workspace(&mut arena, tokens, channels.count(), 0)?;
+        let mut arena = Arena::new(memory(decoder.workspace_bytes(tokens, channels.count())));
+        let work = decoder.workspace(&mut arena, tokens, channels.count())?;
         let features = vec![0.0; tokens * model.frames_per_token() * channels.count()];
         Ok(Self { model, channels, work, features, gradient: vec![0.0; tokens * decoder.code_width()] })
     }

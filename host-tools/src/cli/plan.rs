@@ -83,6 +83,9 @@ impl Cmd {
                 grouped(p.macs)
             ));
         }
+        if let Some(p) = &report.planning {
+            table("arena while tokens are planned", "bytes", &p.arena, p.bytes as u64);
+        }
         table("arena", "bytes", &report.arena, report.arena_bytes as u64);
         say(&format!("  {:<32}  {:>13} bytes", "with the generator object", grouped(report.ram_bytes as u64)));
         table("flash", "bytes", &report.flash, report.flash_bytes as u64);

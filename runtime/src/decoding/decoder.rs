@@ -1,16 +1,20 @@
 //! The VQ decoder: `u [L][du]` to features `[T][C]`, `T = L * 2^stages`, and the input gradient.
 //!
 //! Order of execution (MoMask's and T2M-GPT's, DESIGN section 3): conv k3, ReLU, stages of { residual blocks, nearest
-//! x2, conv k3 }, conv k3, ReLU, conv k3 to the features. One f32 buffer holds the sequence at its present length and
-//! is updated in place; ReLUs leave one bit a value behind for the gradient.
+//! x2, conv k3 }, conv k3, ReLU, conv k3 to the features. A motion passes through it [`CHUNK`] tokens at a time; of what lies between
+//! the layers one bit a value is kept for the gradient where there is a ReLU.
 
+use super::chain::{Gates, Last, Way};
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
-use crate::nn::conv1d::{BLOCK, Conv1d, GradientBlock, Rows, Shape, accumulators};
-use crate::nn::output::{self, Channels, Output};
-use crate::nn::residual::{self, Masks, Residual};
-use crate::nn::{mask, quantise};
+use crate::nn::conv1d::{Conv1d, Rows, Shape};
+use crate::nn::mask;
+use crate::nn::output::{Channels, Output};
+use crate::nn::residual::Residual;
 use heapless::Vec;
+
+/// Tokens that pass through the decoder at a time, at most.
+pub const CHUNK: usize = 12;
 
 /// Residual blocks and the upsampling convolution behind them.
 #[derive(Debug, Clone)]
@@ -35,33 +39,24 @@ pub use crate::nn::{Check, Interrupted};
 /// All mutable memory of the decoder.
 #[derive(Debug)]
 pub struct Workspace<'a> {
-    /// The sequence, `[T][W]` at its longest. Free for other use between calls.
-    pub sequence: &'a mut [f32],
-    masks: &'a mut [u32],
-    scratch: residual::Scratch<'a>,
-    output_row: &'a mut [f32],
-    output_q: &'a mut [i16],
-    acc_low: &'a mut [i32],
+    gates: &'a mut [u32],
+    last: Last<'a>,
+    /// Where passes work.
+    spare: Arena<'a>,
 }
 
 impl<'a> Workspace<'a> {
-    /// Takes the sequence, and the last layer's input of the last [`Decoder::forward`] of so many `frames`.
-    #[must_use]
-    pub fn finish(self, frames: usize, width: usize) -> (&'a mut [f32], Rows<'a>) {
-        (self.sequence, quantised(self.scratch.q, self.scratch.scales, frames, width))
+    /// Has the next passes leave the quantised input of the last layer in `q [T][W]`, with its scales in `scales [T]`.
+    pub const fn keep(&mut self, q: &'a mut [i16], scales: &'a mut [f32]) {
+        self.last = Last { q, scales };
     }
-}
 
-/// Elements of each buffer of a [`Workspace`].
-#[derive(Debug, Clone, Copy)]
-struct Sizes {
-    frames: usize,
-    sequence: usize,
-    q: usize,
-    masks: usize,
-    row: usize,
-    acc: usize,
-    output: usize,
+    /// What the last pass left there.
+    #[must_use]
+    pub fn kept(self) -> Rows<'a> {
+        let Last { q, scales } = self.last;
+        Rows { q, scales }
+    }
 }
 
 impl<'a> Decoder<'a> {
@@ -131,12 +126,18 @@ impl<'a> Decoder<'a> {
         self.output.wide()
     }
 
-    /// Multiply-accumulates of one forward pass over `tokens` for `channels`, taps outside the sequence included;
+    /// Multiply-accumulates of one forward pass over `tokens` for `channels` at most, taps outside the sequence included;
     /// the gradient costs the same but for the upsampling convolutions, which it does once a tap as well.
     #[must_use]
     pub fn macs(&self, tokens: usize, channels: &Channels) -> u64 {
-        let mut rows = tokens as u64;
-        let mut macs = rows * self.input.macs();
+        let chunks = (tokens + self.radius_tokens()).div_ceil(chunk(tokens));
+        tokens as u64 * self.token_macs(channels) + chunks as u64 * self.chunk_macs()
+    }
+
+    /// Multiply-accumulates of a token.
+    pub(super) fn token_macs(&self, channels: &Channels) -> u64 {
+        let mut rows = 1;
+        let mut macs = self.input.macs();
         for stage in &self.stages {
             for block in &stage.blocks {
                 macs += rows * (block.conv1.macs() + block.conv2.macs());
@@ -147,51 +148,34 @@ impl<'a> Decoder<'a> {
         macs + rows * (self.middle.macs() + self.output.macs(channels))
     }
 
-    fn sizes(&self, tokens: usize, channels: usize, columns: usize) -> Sizes {
-        let frames = tokens * self.upsampling();
-        let (width, words) = (self.width, mask::words(self.width));
-        let widest = if self.code_width > width { self.code_width } else { width };
-        // The input sequence is `tokens` rows of `du`; everything later is rows of `width`.
-        let (short, long) = (tokens * self.code_width, frames * width);
-        let mut masked_rows = tokens + frames;
-        let mut rows = tokens;
-        for stage in &self.stages {
-            masked_rows += 2 * rows * stage.blocks.len();
-            rows *= 2;
-        }
-        let most = if channels > widest { channels } else { widest };
-        Sizes {
-            frames,
-            sequence: frames * if columns > width { columns } else { width },
-            q: if short > long { short } else { long },
-            masks: masked_rows * words,
-            row: widest,
-            // Forward and backward: whatever counts the sums may count the terms.
-            acc: accumulators(BLOCK, most, most),
-            output: channels,
-        }
+    /// Those of a chunk beyond its tokens': the row that it and the next both multiply in the upsampling convolutions, by one of three taps.
+    pub(super) fn chunk_macs(&self) -> u64 {
+        self.stages.iter().map(|stage| stage.upsample.macs().div_ceil(3)).sum()
+    }
+
+    /// Bytes of [`Decoder::workspace`] that grow with the motion: a bit for each ReLU.
+    #[must_use]
+    pub fn gate_bytes(&self, tokens: usize) -> usize {
+        bytes_of::<u32>(self.gate_words(tokens))
+    }
+
+    fn gate_words(&self, tokens: usize) -> usize {
+        self.gates(tokens) * mask::words(self.width)
+    }
+
+    /// Bytes of a pass, whichever way.
+    fn pass_bytes(&self, tokens: usize, channels: usize) -> usize {
+        let [forward, back] = [Way::Forward, Way::Back].map(|way| self.chain_bytes(way, chunk(tokens), channels));
+        if forward > back { forward } else { back }
     }
 
     /// Arena bytes of [`Decoder::workspace`].
     #[must_use]
-    pub fn workspace_bytes(&self, tokens: usize, channels: usize, columns: usize) -> usize {
-        let s = self.sizes(tokens, channels, columns);
-        bytes_of::<f32>(s.sequence)
-            + bytes_of::<u32>(s.masks)
-            + bytes_of::<i16>(s.q)
-            + bytes_of::<f32>(s.frames)
-            + bytes_of::<f32>(BLOCK * s.row)
-            + bytes_of::<i16>(BLOCK * s.row)
-            + bytes_of::<f32>(BLOCK)
-            + bytes_of::<f32>(s.row)
-            + bytes_of::<i32>(s.acc)
-            + bytes_of::<f32>(s.output)
-            + bytes_of::<i16>(BLOCK * s.output)
-            + bytes_of::<i32>(s.acc)
+    pub fn workspace_bytes(&self, tokens: usize, channels: usize) -> usize {
+        self.gate_bytes(tokens) + self.pass_bytes(tokens, channels)
     }
 
-    /// Takes the buffers for motions of `tokens` tokens and at most `channels` output channels. The sequence buffer
-    /// has at least `columns` values a frame, for the caller's own use when the decoder is done.
+    /// Takes the buffers for motions of `tokens` tokens and at most `channels` output channels.
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
@@ -200,26 +184,11 @@ impl<'a> Decoder<'a> {
         arena: &mut Arena<'w>,
         tokens: usize,
         channels: usize,
-        columns: usize,
     ) -> Result<Workspace<'w>, ArenaTooSmall> {
-        let s = self.sizes(tokens, channels, columns);
         Ok(Workspace {
-            sequence: arena.take(s.sequence)?,
-            masks: arena.take(s.masks)?,
-            scratch: residual::Scratch {
-                q: arena.take(s.q)?,
-                scales: arena.take(s.frames)?,
-                row: arena.take(s.row)?,
-                block: residual::Block {
-                    rows: arena.take(BLOCK * s.row)?,
-                    q: arena.take(BLOCK * s.row)?,
-                    scales: arena.take(BLOCK)?,
-                    acc: arena.take(s.acc)?,
-                },
-            },
-            output_row: arena.take(s.output)?,
-            output_q: arena.take(BLOCK * s.output)?,
-            acc_low: arena.take(s.acc)?,
+            gates: arena.take(self.gate_words(tokens))?,
+            last: Last::default(),
+            spare: arena.part(self.pass_bytes(tokens, channels))?,
         })
     }
 
@@ -235,38 +204,25 @@ impl<'a> Decoder<'a> {
         work: &mut Workspace<'_>,
         check: Check<'_>,
     ) -> Result<(), Interrupted> {
-        let Workspace { sequence, masks, scratch, output_row, output_q, acc_low } = work;
-        let (width, words) = (self.width, mask::words(self.width));
-        let mut rows = u.len() / self.code_width.max(1);
-        let mut masks = Carver::new(masks);
-
-        let x = quantise_rows(u, scratch.q, scratch.scales, rows, self.code_width);
-        let y = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-        self.input.forward(x, 0, y, scratch.block.acc);
-        relu_rows(y, masks.front(rows * words), width);
-        check()?;
-        for stage in &self.stages {
-            for block in &stage.blocks {
-                let x = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-                let mut masks = Masks { input: masks.front(rows * words), hidden: masks.front(rows * words) };
-                block.forward(x, scratch, &mut masks);
-                check()?;
+        let tokens = u.len() / self.code_width.max(1);
+        let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
+        let chunk = chunk(tokens);
+        let chain = self.chain(&mut work.spare.overlay(), Way::Forward, chunk, channels.count());
+        let Ok(mut chain) = chain else { return Ok(()) };
+        let mut chunks = u.chunks((chunk * self.code_width).max(1));
+        let mut out = out.iter_mut();
+        while !chain.ended() {
+            let now = chunks.next().unwrap_or(&[]);
+            copy(now, chain.begin(self, now.len() / self.code_width.max(1)));
+            if chunks.len() == 0 {
+                chain.end();
             }
-            let x = quantise_rows(sequence, scratch.q, scratch.scales, rows, width);
-            let y = sequence.get_mut(..2 * rows * width).unwrap_or(&mut []);
-            stage.upsample.forward_upsampled(x, 0, y, scratch.block.acc);
-            rows *= 2;
-            check()?;
+            let rows = chain.pass(self, channels, &mut gates, &mut work.last, check)?;
+            for (from, to) in rows.iter().zip(out.by_ref()) {
+                *to = *from;
+            }
         }
-        let x = quantise_rows(sequence, scratch.q, scratch.scales, rows, width);
-        let y = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-        self.middle.forward(x, 0, y, scratch.block.acc);
-        relu_rows(y, masks.front(rows * words), width);
-        check()?;
-        let x = quantise_rows(y, scratch.q, scratch.scales, rows, width);
-        let mut last = output::Scratch { row: output_row, q: output_q, acc: scratch.block.acc, acc_low };
-        self.output.forward(x, 0, channels, out, &mut last);
-        check()
+        Ok(())
     }
 
     /// Carries `g = dJ/d(features) [T][C]` of the last [`Decoder::forward`] back to `du = dJ/du [L][du]`.
@@ -281,110 +237,42 @@ impl<'a> Decoder<'a> {
         work: &mut Workspace<'_>,
         check: Check<'_>,
     ) -> Result<(), Interrupted> {
-        let Workspace { sequence, masks, scratch, output_row, output_q, acc_low } = work;
-        let (width, words) = (self.width, mask::words(self.width));
         let tokens = du.len() / self.code_width.max(1);
-        let mut rows = tokens * self.upsampling();
-        let used = self.sizes(tokens, 0, 0).masks;
-        let mut masks = Carver::new(masks.get_mut(..used).unwrap_or(&mut []));
-
-        let dx = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-        let mut last = output::Scratch { row: output_row, q: output_q, acc: scratch.block.acc, acc_low };
-        self.output.backward(g, channels, dx, &mut last);
-        gate_rows(dx, masks.back(rows * words), width);
-        check()?;
-        self.middle.quantise_gradient(dx, scratch.q, scratch.scales, scratch.row);
-        let g = quantised(scratch.q, scratch.scales, rows, width);
-        self.middle.backward(g, 0, dx, scratch.block.acc);
-        check()?;
-        for stage in self.stages.iter().rev() {
-            let g = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-            let mut block = GradientBlock {
-                row: scratch.row,
-                sums: scratch.block.rows,
-                q: scratch.block.q,
-                scales: scratch.block.scales,
-            };
-            stage.upsample.backward_upsampled(g, &mut block, scratch.block.acc);
-            rows /= 2;
-            check()?;
-            for block in stage.blocks.iter().rev() {
-                let g = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-                let hidden = masks.back(rows * words);
-                let masks = Masks { input: masks.back(rows * words), hidden };
-                block.backward(g, scratch, &masks);
-                check()?;
+        let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
+        let chunk = chunk(tokens);
+        let chain = self.chain(&mut work.spare.overlay(), Way::Back, chunk, channels.count());
+        let Ok(mut chain) = chain else { return Ok(()) };
+        let (frames, step) = (tokens * self.upsampling(), chunk * self.upsampling());
+        let (mut first, mut du) = (0, du.iter_mut());
+        while !chain.ended() {
+            let count = step.min(frames.saturating_sub(first));
+            chain.begin_gradient(self, g, channels, first, count);
+            first += count;
+            if first >= frames {
+                chain.end();
+            }
+            let rows = chain.pass(self, channels, &mut gates, &mut Last::default(), check)?;
+            for (from, to) in rows.iter().zip(du.by_ref()) {
+                *to = *from;
             }
         }
-        let g = sequence.get_mut(..rows * width).unwrap_or(&mut []);
-        gate_rows(g, masks.back(rows * words), width);
-        self.input.quantise_gradient(g, scratch.q, scratch.scales, scratch.row);
-        let g = quantised(scratch.q, scratch.scales, rows, width);
-        self.input.backward(g, 0, du, scratch.block.acc);
-        check()
+        Ok(())
+    }
+}
+
+/// Tokens of a motion of so many that pass at a time.
+fn chunk(tokens: usize) -> usize {
+    tokens.clamp(1, CHUNK)
+}
+
+/// Copies as many values as both have.
+pub(super) fn copy<T: Copy>(from: &[T], to: &mut [T]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = *from;
     }
 }
 
 /// Refuses magnitudes beyond which a sum of squares would overflow.
 fn bounded(bound: f32, index: u16) -> Result<f32, Error> {
     if bound < crate::model::MAX_MAGNITUDE { Ok(bound) } else { Err(Error::Unbounded { index }) }
-}
-
-fn quantised<'q>(q: &'q [i16], scales: &'q [f32], rows: usize, width: usize) -> Rows<'q> {
-    Rows { q: q.get(..rows * width).unwrap_or(&[]), scales: scales.get(..rows).unwrap_or(&[]) }
-}
-
-/// Quantises the first `rows` rows of `x`.
-fn quantise_rows<'q>(x: &[f32], q: &'q mut [i16], scales: &'q mut [f32], rows: usize, width: usize) -> Rows<'q> {
-    let x = x.get(..rows * width).unwrap_or(&[]);
-    quantise::rows(x, width, quantise::limit(width), q, scales);
-    quantised(q, scales, rows, width)
-}
-
-fn relu_rows(x: &mut [f32], masks: &mut [u32], width: usize) {
-    let words = mask::words(width).max(1);
-    for (x, mask) in x.chunks_exact_mut(width.max(1)).zip(masks.chunks_exact_mut(words)) {
-        mask::relu(x, mask);
-    }
-}
-
-fn gate_rows(g: &mut [f32], masks: &[u32], width: usize) {
-    let words = mask::words(width).max(1);
-    for (g, mask) in g.chunks_exact_mut(width.max(1)).zip(masks.chunks_exact(words)) {
-        mask::gate(g, mask);
-    }
-}
-
-/// Takes pieces from either end of a buffer.
-struct Carver<'a> {
-    rest: &'a mut [u32],
-}
-
-impl<'a> Carver<'a> {
-    fn new(rest: &'a mut [u32]) -> Self {
-        Carver { rest }
-    }
-
-    fn front(&mut self, count: usize) -> &'a mut [u32] {
-        let rest = core::mem::take(&mut self.rest);
-        match rest.split_at_mut_checked(count) {
-            Some((piece, rest)) => {
-                self.rest = rest;
-                piece
-            }
-            None => &mut [],
-        }
-    }
-
-    fn back(&mut self, count: usize) -> &'a mut [u32] {
-        let rest = core::mem::take(&mut self.rest);
-        let keep = rest.len().saturating_sub(count);
-        match rest.split_at_mut_checked(keep) {
-            Some((rest, piece)) => {
-                self.rest = rest;
-                piece
-            }
-            None => &mut [],
-        }
-    }
 }

@@ -6,7 +6,7 @@ mod error;
 mod observer;
 mod plan_tokens;
 mod request;
-mod rotations;
+pub(crate) mod rotations;
 mod stream;
 
 pub use error::Error;
@@ -19,10 +19,10 @@ use crate::arena::{Arena, ArenaTooSmall};
 use crate::decoding::decoder::Interrupted;
 use crate::log;
 use crate::model::Model;
-use crate::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels};
+use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, channels};
 use crate::perception::anchors::{Anchor, AnchorSet, Target};
 use crate::perception::prompt::Heard;
-use crate::plan::{JOINT_COLUMNS, Limits, Plan, feature_columns};
+use crate::plan::{Limits, Plan, feature_columns};
 use crate::planning::session::Modules;
 use crate::planning::{self, PlanningError};
 use crate::refining::{self, SolverError, Stop};
@@ -261,15 +261,16 @@ impl<'a> Generator<'a> {
             d_x: take(most)?,
             d_z: take(most)?,
         };
-        let mut work =
-            decoder.workspace(&mut arena, limits.tokens, POSITION_CHANNELS, JOINT_COLUMNS).map_err(too_small)?;
+        let mut work = decoder.workspace(&mut arena, limits.tokens, POSITION_CHANNELS).map_err(too_small)?;
         let tokens = embed(model, request.source, tokens, u)?;
 
         let mut refinement = None;
         if limits.anchors > 0 {
             let config = limits.refinement;
             let scratch = refining::scratch_len(limits.tokens, decoder.code_width(), limits.anchors, &config);
-            let scratch = arena.take::<f32>(scratch).map_err(too_small)?;
+            let mut overlay = arena.overlay();
+            let scratch = overlay.take::<f32>(scratch).map_err(too_small)?;
+            peak = peak.max(overlay.used());
             let selected = channels(anchored_joints(request.anchors));
             let (values, gradient) = features.split_at_mut_checked(frames * selected.count()).unwrap_or_default();
             let mut map = DecoderMap {
@@ -302,14 +303,16 @@ impl<'a> Generator<'a> {
             Err(Stop::Abort) => Err(Interrupted),
             Ok(()) | Err(Stop::Finish) => Ok(()),
         };
+        let columns = rotations::columns(decoder.output());
+        let (q, scales) = (arena.take(most * columns), arena.take(if columns > 0 { most } else { 0 }));
+        let (q, scales) = (q.map_err(too_small)?, scales.map_err(too_small)?);
+        work.keep(q.get_mut(..frames * columns).unwrap_or(&mut []), scales.get_mut(..frames).unwrap_or(&mut []));
         decoder.forward(u, &all, values, &mut work, &mut check).map_err(|Interrupted| Error::Aborted)?;
-        let features = Features { values, channels: &all, mean: model.mean(), std: model.std() };
-        features.integrate(&mut path);
-        let (sequence, rows) = work.finish(frames, decoder.output().inputs());
-        let joints = sequence.get_mut(..frames * JOINT_COLUMNS).unwrap_or(&mut []);
-        features.joints(&path, joints);
+        let (mean, std) = (model.mean(), model.std());
+        Features { values, channels: &all, mean, std }.integrate(&mut path);
+        let joints = humanml3d::joints(values, &path, mean, std);
         let Path { cos, sin, .. } = path;
-        let rotations = Rotations { output: decoder.output(), rows, mean: model.mean(), std: model.std(), cos, sin };
+        let rotations = Rotations { output: decoder.output(), rows: work.kept(), mean, std, cos, sin };
         let arena_used = if peak > arena.used() { peak } else { arena.used() };
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
         let Planned { heard, .. } = made;

@@ -22,12 +22,17 @@ pub(super) struct Rotations<'a> {
     pub sin: &'a [f32],
 }
 
+/// Numbers of a frame that rotations are computed from: none if the model's last layer has no such channels.
+pub(crate) fn columns(output: &Output<'_>) -> usize {
+    if output.outputs() < FIRST + CHANNELS { 0 } else { output.inputs() }
+}
+
 impl Rotations<'_> {
     /// `pose`, the positions of a frame, with its bones turned as that frame's rotations say. `None`: the model has no such channels,
     /// or the motion no such frame.
     #[inline(never)]
     pub fn pose(&self, frame: usize, pose: &Pose) -> Option<Pose> {
-        if self.output.outputs() < FIRST + CHANNELS {
+        if columns(self.output) == 0 {
             return None;
         }
         let heading = (*self.cos.get(frame)?, *self.sin.get(frame)?);

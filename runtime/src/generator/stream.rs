@@ -10,9 +10,9 @@ use crate::decoding::decoder::Interrupted;
 use crate::decoding::stream::{self, CHUNK};
 use crate::log;
 use crate::model::{MAX_TOKENS, Model};
-use crate::motion::humanml3d::{Features, POSITION_CHANNELS, Path, Root, channels};
+use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, Root, channels};
 use crate::perception::prompt::Heard;
-use crate::plan::{JOINT_COLUMNS, StreamLimits, StreamPlan};
+use crate::plan::{StreamLimits, StreamPlan};
 use crate::planning::{self, Fixed, Length, Planning, PlanningError};
 use crate::refining::Stop;
 use heapless::Vec;
@@ -61,8 +61,6 @@ pub struct MotionStream<'g, 'a> {
     decoder: stream::Stream<'g>,
     memory: Memory<'g>,
     path: Path<'g>,
-    /// `[n][22][3]`
-    joints: &'g mut [f32],
     root: Root,
     /// Tokens of the chunk in work, the first of the queued ones.
     chunk: usize,
@@ -156,14 +154,12 @@ impl<'a> Generator<'a> {
             d_x: &mut [],
             d_z: &mut [],
         };
-        let joints = take(frames * JOINT_COLUMNS)?;
         let decoder = model.decoder().stream(&mut arena, POSITION_CHANNELS).map_err(too_small)?;
         Ok(MotionStream {
             model,
             decoder,
             memory: Memory { tokens, quantizers, known: 0, queued: 0, forgotten: false },
             path,
-            joints,
             root: Root::default(),
             chunk: 0,
             held: 0,
@@ -378,10 +374,9 @@ impl MotionStream<'_, '_> {
         self.memory.queued = self.memory.queued.saturating_sub(self.chunk);
         self.held = (self.held + self.chunk * self.model.frames_per_token()).saturating_sub(frames);
 
-        let features = Features { values, channels: &all, mean: self.model.mean(), std: self.model.std() };
-        features.integrate_from(&mut self.root, &mut self.path);
-        let joints = self.joints.get_mut(..frames * JOINT_COLUMNS).unwrap_or(&mut []);
-        features.joints(&self.path, joints);
+        let (mean, std) = (self.model.mean(), self.model.std());
+        Features { values, channels: &all, mean, std }.integrate_from(&mut self.root, &mut self.path);
+        let joints = humanml3d::joints(values, &self.path, mean, std);
         Ok(Some(bytemuck::try_cast_slice(joints).unwrap_or(&[])))
     }
 }

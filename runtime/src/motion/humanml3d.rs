@@ -124,6 +124,26 @@ pub struct Features<'a> {
     pub std: &'a [f32],
 }
 
+/// Positions of all joints, `[T][22][3]`, metres, in the place of the normalised features of all their channels, `values [T][C]`.
+pub fn joints<'v>(values: &'v mut [f32], path: &Path<'_>, mean: &[f32], std: &[f32]) -> &'v mut [f32] {
+    let all = channels(u32::MAX);
+    let features = Features { values: &[], channels: &all, mean, std };
+    let frames = values.len() / features.width();
+    for frame in 0..frames {
+        let mut row = [0.0; POSITION_CHANNELS];
+        for (to, from) in row.iter_mut().zip(values.iter().skip(frame * features.width())) {
+            *to = *from;
+        }
+        // A frame's joints are no more numbers than its features, so none is overwritten that is still to be read.
+        for (joint, to) in values.chunks_exact_mut(3).skip(frame * JOINTS).take(JOINTS).enumerate() {
+            for (to, from) in to.iter_mut().zip(features.placed(&row, path, joint, frame)) {
+                *to = from;
+            }
+        }
+    }
+    values.get_mut(..frames * 3 * JOINTS).unwrap_or(&mut [])
+}
+
 /// Scale and offset of one channel.
 fn constants(mean: &[f32], std: &[f32], channel: usize) -> (f32, f32) {
     (std.get(channel).copied().unwrap_or(0.0), mean.get(channel).copied().unwrap_or(0.0))
@@ -154,12 +174,15 @@ impl Features<'_> {
         }
     }
 
-    /// Local position of `joint >= 1` at `frame`, metres, in the root's frame.
-    fn local(&self, joint: usize, frame: usize) -> Option<[f32; 3]> {
+    fn row(&self, frame: usize) -> &[f32] {
+        self.values.get(frame * self.width()..).unwrap_or(&[])
+    }
+
+    /// Local position of `joint >= 1` in the frame of that row, metres, in the root's frame.
+    fn local(&self, row: &[f32], joint: usize) -> Option<[f32; 3]> {
         let channel = local_channel(joint);
         let column = self.channels.position(channel)?;
-        let start = frame * self.width() + column;
-        let values = self.values.get(start..start + 3)?;
+        let values = row.get(column..column + 3)?;
         let mut local = [0.0; 3];
         for (axis, (to, from)) in local.iter_mut().zip(values).enumerate() {
             let (std, mean) = constants(self.mean, self.std, channel + axis);
@@ -171,25 +194,18 @@ impl Features<'_> {
     /// Position of a joint, metres. A joint whose channels were not selected, or a frame out of range, gives zeros.
     #[must_use]
     pub fn position(&self, path: &Path<'_>, joint: usize, frame: usize) -> [f32; 3] {
+        self.placed(self.row(frame), path, joint, frame)
+    }
+
+    /// The same with the frame's features in `row`.
+    fn placed(&self, row: &[f32], path: &Path<'_>, joint: usize, frame: usize) -> [f32; 3] {
         let (Some(&x), Some(&z)) = (path.x.get(frame), path.z.get(frame)) else { return [0.0; 3] };
         if joint == 0 {
-            let row = self.values.get(frame * self.width()..).unwrap_or(&[]);
             return [x, self.root(row, HEIGHT), z];
         }
         let (Some(&cos), Some(&sin)) = (path.cos.get(frame), path.sin.get(frame)) else { return [0.0; 3] };
-        let Some([lx, ly, lz]) = self.local(joint, frame) else { return [0.0; 3] };
+        let Some([lx, ly, lz]) = self.local(row, joint) else { return [0.0; 3] };
         [lx * cos - lz * sin + x, ly, lx * sin + lz * cos + z]
-    }
-
-    /// Positions of all joints of every frame, `out [T][22][3]`, metres.
-    pub fn joints(&self, path: &Path<'_>, out: &mut [f32]) {
-        for (frame, row) in out.chunks_exact_mut(3 * JOINTS).enumerate() {
-            for (joint, to) in row.chunks_exact_mut(3).enumerate() {
-                for (to, from) in to.iter_mut().zip(self.position(path, joint, frame)) {
-                    *to = from;
-                }
-            }
-        }
     }
 
     /// Adds `d = dJ/dposition` of a joint: local channels go into `g [T][C]` at once (normalised), the root's share
@@ -209,7 +225,7 @@ impl Features<'_> {
         let channel = local_channel(joint);
         let Some(column) = self.channels.position(channel) else { return };
         let (Some(&cos), Some(&sin)) = (path.cos.get(frame), path.sin.get(frame)) else { return };
-        let Some([lx, _, lz]) = self.local(joint, frame) else { return };
+        let Some([lx, _, lz]) = self.local(self.row(frame), joint) else { return };
         let local = [dx * cos + dz * sin, dy, dz * cos - dx * sin];
         for (axis, d) in local.into_iter().enumerate() {
             if let Some(g) = g.get_mut(row + column + axis) {

@@ -219,23 +219,24 @@ impl<'a> Conv1d<'a> {
         }
     }
 
-    /// Input gradient of [`Conv1d::forward_upsampled`], in place: `g [2 R][N]` becomes `dJ/dx [R][K]` in its first
-    /// rows (`N = K`). The two copies' gradients are added before they are quantised.
+    /// Input gradient of [`Conv1d::forward_upsampled`], in place: of the window `g [2 R + 2][N]`, which begins a row before the
+    /// first row's copies and ends a row behind the last's, the first rows become `dJ/dx [R][K]` (`N = K`). The two copies'
+    /// gradients are added before they are quantised.
     pub fn backward_upsampled(&self, g: &mut [f32], block: &mut GradientBlock<'_>, acc: &mut [i32]) {
         let width = self.outputs.max(1);
         if self.inputs != self.outputs {
             return;
         }
-        let copies = g.len() / width;
-        for first in (0..copies / 2).step_by(BLOCK) {
-            let count = (copies / 2 - first).min(BLOCK);
+        let rows = (g.len() / width / 2).saturating_sub(1);
+        for first in (0..rows).step_by(BLOCK) {
+            let count = (rows - first).min(BLOCK);
             block.sums.fill(0.0);
             for tap in 0..self.taps {
                 for r in 0..count {
                     let row = block.row.get_mut(..width).unwrap_or(&mut []);
                     row.fill(0.0);
                     for copy in 0..2 {
-                        let Some(t) = (2 * (first + r) + copy + self.middle()).checked_sub(tap) else { continue };
+                        let Some(t) = (2 * (first + r) + copy + 1 + self.middle()).checked_sub(tap) else { continue };
                         let g = g.get(t * width..(t + 1) * width).unwrap_or(&[]);
                         for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
                             *row += *g * *s;

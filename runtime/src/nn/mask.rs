@@ -29,6 +29,14 @@ fn relu_words(x: &mut [f32], mask: &mut [u32]) {
     }
 }
 
+/// The same for rows `[R][width]`, with a row of `masks` each.
+pub fn relu_rows(x: &mut [f32], masks: &mut [u32], width: usize) {
+    let words = words(width).max(1);
+    for (x, mask) in x.chunks_exact_mut(width.max(1)).zip(masks.chunks_exact_mut(words)) {
+        relu(x, mask);
+    }
+}
+
 /// `g <- g` where the ReLU let through, 0 elsewhere.
 #[inline(never)]
 pub fn gate(g: &mut [f32], mask: &[u32]) {
@@ -43,6 +51,14 @@ fn gate_words(g: &mut [f32], mask: &[u32]) {
                 *v = 0.0;
             }
         }
+    }
+}
+
+/// The same for rows `[R][width]`, with a row of `masks` each.
+pub fn gate_rows(g: &mut [f32], masks: &[u32], width: usize) {
+    let words = words(width).max(1);
+    for (g, mask) in g.chunks_exact_mut(width.max(1)).zip(masks.chunks_exact(words)) {
+        gate(g, mask);
     }
 }
 

@@ -9,6 +9,8 @@ use crate::blob::{Error, Tensors};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8};
 use heapless::Vec;
 
+/// Rows of gradients that [`BLOCK`] rows of the input's gradient depend on.
+pub const WINDOW: usize = BLOCK + 2;
 /// Ranges of channels that one request may select.
 pub const MAX_RANGES: usize = 24;
 
@@ -103,7 +105,7 @@ pub struct Output<'a> {
 pub struct Scratch<'a> {
     /// One row of selected channels, `[C]`.
     pub row: &'a mut [f32],
-    /// Rows of selected channels, quantised, range by range: `[BLOCK][C]`.
+    /// Rows of selected channels, quantised, range by range: `[WINDOW][C]`, or as many as there are.
     pub q: &'a mut [i16],
     /// As [`accumulators`](super::conv1d::accumulators) says for [`BLOCK`] rows, or for as many as there are.
     pub acc: &'a mut [i32],
@@ -265,16 +267,20 @@ impl<'a> Output<'a> {
         }
     }
 
-    /// Input gradient: `dx [R][K]` from `g [R][C]` of the selected channels. Root rows and the others are quantised
-    /// apart, since root gradients are sums over time and much larger.
-    pub fn backward(&self, g: &[f32], channels: &Channels, dx: &mut [f32], scratch: &mut Scratch<'_>) {
+    /// Input gradient: rows `first..` of `dJ/dx`, as many as `dx [B][K]` holds, from `g [R][C]` of the selected channels. Root rows
+    /// and the others are quantised apart, since root gradients are sums over time and much larger.
+    pub fn backward(&self, g: &[f32], channels: &Channels, first: usize, dx: &mut [f32], scratch: &mut Scratch<'_>) {
         let width = channels.count().max(1);
         let limit = quantise::limit(self.outputs);
+        let all = g.len() / width;
         dx.fill(0.0);
-        for (block, g) in g.chunks((BLOCK * width).max(1)).enumerate() {
+        for (block, dx) in dx.chunks_mut((BLOCK * self.inputs).max(1)).enumerate() {
+            let (first, count) = (first + block * BLOCK, dx.len() / self.inputs.max(1));
+            let start = first.saturating_sub(self.reach());
+            let g = g.get(start * width..(first + count + self.reach()).min(all) * width).unwrap_or(&[]);
             let rows = g.len() / width;
-            let mut wide_scales = [0.0; BLOCK];
-            let mut narrow_scales = [0.0; BLOCK];
+            let mut wide_scales = [0.0; WINDOW];
+            let mut narrow_scales = [0.0; WINDOW];
             for (r, (g, scales)) in
                 g.chunks_exact(width).zip(wide_scales.iter_mut().zip(&mut narrow_scales)).enumerate()
             {
@@ -282,11 +288,12 @@ impl<'a> Output<'a> {
             }
             // Descending taps: a row of dx takes its sums in the order of the rows that they come from.
             for tap in (0..self.taps).rev() {
-                let first = block * BLOCK;
-                let skip = (self.taps / 2).saturating_sub(first + tap);
-                let source = (first + skip + tap).saturating_sub(self.taps / 2);
-                let dx = dx.get_mut(source * self.inputs..).unwrap_or(&mut []);
-                self.backward_tap(tap, skip, rows, channels, dx, (&wide_scales, &narrow_scales), scratch);
+                let offset = self.reach() as isize - tap as isize;
+                let Some(span) = Span::new(first, count, all, offset) else { continue };
+                let dx = dx.get_mut(span.skip * self.inputs..).unwrap_or(&mut []);
+                let from = span.source.saturating_sub(start);
+                let part = (from..from + span.rows, rows);
+                self.backward_tap(tap, part, channels, dx, (&wide_scales, &narrow_scales), scratch);
             }
         }
     }
@@ -327,21 +334,21 @@ impl<'a> Output<'a> {
         (wide.scale, narrow.scale)
     }
 
-    /// Adds what one tap carries back from quantised rows `skip..rows` to `dx`, one row each.
+    /// Adds what one tap carries back from a range of the quantised rows, of which there are so many, to `dx`, one row each.
     fn backward_tap(
         &self,
         tap: usize,
-        skip: usize,
-        rows: usize,
+        (range, rows): (core::ops::Range<usize>, usize),
         channels: &Channels,
         dx: &mut [f32],
         (wide_scales, narrow_scales): (&[f32], &[f32]),
         scratch: &mut Scratch<'_>,
     ) {
         let width = self.inputs.max(1);
-        let part = |column: usize, count: usize| column * rows + skip * count..(column + count) * rows;
-        let wide_scales = wide_scales.get(skip..rows).unwrap_or(&[]);
-        let narrow_scales = narrow_scales.get(skip..rows).unwrap_or(&[]);
+        let core::ops::Range { start, end } = range;
+        let part = |column: usize, count: usize| column * rows + start * count..column * rows + end * count;
+        let wide_scales = wide_scales.get(start..end).unwrap_or(&[]);
+        let narrow_scales = narrow_scales.get(start..end).unwrap_or(&[]);
         let mut column = 0;
         for range in channels.ranges() {
             let (wide, narrow) = self.split(range);

@@ -38,26 +38,7 @@ pub struct Block<'a> {
     pub acc: &'a mut [i32],
 }
 
-/// ReLU masks of a residual block: `[R][words(W)]` each.
-#[derive(Debug)]
-pub struct Masks<'a> {
-    /// Of the block's input.
-    pub input: &'a mut [u32],
-    /// Of the hidden rows.
-    pub hidden: &'a mut [u32],
-}
-
 impl Residual<'_> {
-    /// Runs the block over `x [R][W]` in place and keeps the ReLU masks for [`Residual::backward`].
-    pub fn forward(&self, x: &mut [f32], scratch: &mut Scratch<'_>, masks: &mut Masks<'_>) {
-        let width = self.conv1.inputs().max(1);
-        let rows = x.len() / width;
-        self.activate(x, scratch.q, scratch.scales, scratch.row, masks.input);
-        let input =
-            Rows { q: scratch.q.get(..rows * width).unwrap_or(&[]), scales: scratch.scales.get(..rows).unwrap_or(&[]) };
-        self.add(input, 0, x, &mut scratch.block, masks.hidden);
-    }
-
     /// The rows that the dilated convolution reads: `relu(x)`, quantised to `q` and `scales`.
     pub fn activate(&self, x: &[f32], q: &mut [i16], scales: &mut [f32], row: &mut [f32], masks: &mut [u32]) {
         let width = self.conv1.inputs().max(1);
@@ -84,9 +65,7 @@ impl Residual<'_> {
         for (block, (x, masks)) in x.chunks_mut(block_len).zip(masks.chunks_mut(mask_len)).enumerate() {
             let hidden = scratch.rows.get_mut(..x.len()).unwrap_or(&mut []);
             self.conv1.forward(input, first + block * BLOCK, hidden, scratch.acc);
-            for (hidden, mask) in hidden.chunks_exact_mut(width).zip(masks.chunks_exact_mut(words)) {
-                mask::relu(hidden, mask);
-            }
+            mask::relu_rows(hidden, masks, width);
             quantise::rows(hidden, width, limit, scratch.q, scratch.scales);
             let count = x.len() / width;
             let rows = Rows {
@@ -100,37 +79,45 @@ impl Residual<'_> {
         }
     }
 
-    /// Turns `g = dJ/d(output) [R][W]` into `dJ/d(input)` in place.
-    pub fn backward(&self, g: &mut [f32], scratch: &mut Scratch<'_>, masks: &Masks<'_>) {
+    /// What the dilated convolution's gradient reads: of rows `g [R][W]` of `dJ/d(output)` the rows of `dJ/d(hidden)`, with its
+    /// output scales folded in, quantised to `q` and `scales`. `masks` are those of the hidden rows.
+    pub fn enter_gradient(
+        &self,
+        g: &[f32],
+        q: &mut [i16],
+        scales: &mut [f32],
+        row: &mut [f32],
+        scratch: &mut Block<'_>,
+        masks: &[u32],
+    ) {
         let width = self.conv1.inputs().max(1);
         let words = mask::words(width).max(1);
         let (block_len, mask_len) = ((BLOCK * width).max(1), (BLOCK * words).max(1));
-        let rows = g.len() / width;
-        // dJ/d(conv1 output), quantised for the whole sequence because conv1 looks at neighbouring rows.
-        let quantised = scratch.q.chunks_mut(block_len).zip(scratch.scales.chunks_mut(BLOCK));
-        let blocks = g.chunks(block_len).zip(masks.hidden.chunks(mask_len)).zip(quantised);
-        for ((g, masks), (q, scales)) in blocks {
-            self.conv2.quantise_gradient(g, scratch.block.q, scratch.block.scales, scratch.row);
+        let quantised = q.chunks_mut(block_len).zip(scales.chunks_mut(BLOCK));
+        for ((g, masks), (q, scales)) in g.chunks(block_len).zip(masks.chunks(mask_len)).zip(quantised) {
+            self.conv2.quantise_gradient(g, scratch.q, scratch.scales, row);
             let count = g.len() / width;
             let outer = Rows {
-                q: scratch.block.q.get(..count * width).unwrap_or(&[]),
-                scales: scratch.block.scales.get(..count).unwrap_or(&[]),
+                q: scratch.q.get(..count * width).unwrap_or(&[]),
+                scales: scratch.scales.get(..count).unwrap_or(&[]),
             };
-            let hidden = scratch.block.rows.get_mut(..g.len()).unwrap_or(&mut []);
-            self.conv2.backward(outer, 0, hidden, scratch.block.acc);
-            for (hidden, mask) in hidden.chunks_exact_mut(width).zip(masks.chunks_exact(words)) {
-                mask::gate(hidden, mask);
-            }
-            self.conv1.quantise_gradient(hidden, q, scales, scratch.row);
+            let hidden = scratch.rows.get_mut(..g.len()).unwrap_or(&mut []);
+            self.conv2.backward(outer, 0, hidden, scratch.acc);
+            mask::gate_rows(hidden, masks, width);
+            self.conv1.quantise_gradient(hidden, q, scales, row);
         }
-        let inner =
-            Rows { q: scratch.q.get(..rows * width).unwrap_or(&[]), scales: scratch.scales.get(..rows).unwrap_or(&[]) };
-        for (block, (g, masks)) in g.chunks_mut(block_len).zip(masks.input.chunks(mask_len)).enumerate() {
-            let dx = scratch.block.rows.get_mut(..g.len()).unwrap_or(&mut []);
-            self.conv1.backward(inner, block * BLOCK, dx, scratch.block.acc);
-            for (dx, mask) in dx.chunks_exact_mut(width).zip(masks.chunks_exact(words)) {
-                mask::gate(dx, mask);
-            }
+    }
+
+    /// Adds what the block carries back from the `hidden` rows to `g [B][W]`, which are rows `first..` of `dJ/d(output)` and become
+    /// `dJ/d(input)`. `masks` are those of the input rows.
+    pub fn add_gradient(&self, hidden: Rows<'_>, first: usize, g: &mut [f32], scratch: &mut Block<'_>, masks: &[u32]) {
+        let width = self.conv1.inputs().max(1);
+        let words = mask::words(width).max(1);
+        let (block_len, mask_len) = ((BLOCK * width).max(1), (BLOCK * words).max(1));
+        for (block, (g, masks)) in g.chunks_mut(block_len).zip(masks.chunks(mask_len)).enumerate() {
+            let dx = scratch.rows.get_mut(..g.len()).unwrap_or(&mut []);
+            self.conv1.backward(hidden, first + block * BLOCK, dx, scratch.acc);
+            mask::gate_rows(dx, masks, width);
             for (g, dx) in g.iter_mut().zip(dx.iter()) {
                 *g += *dx;
             }
