@@ -1,4 +1,4 @@
-//! Plans are bounds of what is measured: arena bytes by painting, multiply-accumulates by counting kernels. One test, since
+//! Plans are bounds of what is measured: arena bytes by painting, multiply-accumulates by counting kernels. One test counts, since
 //! the counter is one for all threads.
 
 use std::path::Path;
@@ -9,8 +9,8 @@ use motionette::kernels::count;
 use motionette::motion::humanml3d::POSITION_CHANNELS;
 use motionette::refining::{Activity, Basis, Config, Method, Prior};
 use motionette::{
-    Anchor, Fixed, Generator, Length, Model, Planning, Prompt, Request, Sampling, Schedule, Source, StreamLimits,
-    StreamPlan, planning,
+    Anchor, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, Request, Sampling, Schedule, Source,
+    StreamLimits, StreamPlan, planning,
 };
 use motionette_host::blob_file::BlobFile;
 use motionette_tests::fuzz;
@@ -324,4 +324,21 @@ fn plans_bound_bytes_and_multiply_accumulates() {
     let ratio = counted.planned() as f64 / counted.macs as f64;
     println!("standard request: {} planned, {} counted: {ratio:.4}", counted.planned(), counted.macs);
     assert!((1.0..=1.1).contains(&ratio), "{counted:?}");
+}
+
+/// Of the decoder's layers only a bit for each ReLU grows with the motion; the rest of a request does with its tokens and frames.
+#[test]
+fn layers_take_no_more_for_longer_motions() {
+    let blob = BlobFile::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob")).expect("bundled");
+    let nano = blob.model().expect("nano opens");
+    let plan = |tokens| {
+        Plan::for_request(&nano, &Limits { tokens, anchors: 8, refinement: Config::default(), planning: None })
+    };
+    let (short, long) = (plan(CHUNK), plan(nano.max_tokens()));
+    assert_eq!(short.decoder_bytes, long.decoder_bytes);
+    assert!(plan(CHUNK / 2).decoder_bytes < short.decoder_bytes);
+    // Stages of three residual blocks, twelve ReLUs a token and pair of frames; input and middle convolution: 96 channels each.
+    let gates = |tokens: usize| 96 / 8 * (tokens * (1 + 6) + 2 * tokens * 6 + 4 * tokens);
+    assert!(long.gate_bytes.abs_diff(gates(nano.max_tokens())) < 16, "{long:?}");
+    assert!(short.gate_bytes.abs_diff(gates(CHUNK)) < 16, "{short:?}");
 }
