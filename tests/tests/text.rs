@@ -581,10 +581,11 @@ fn planned_work_is_that_of_the_layers() {
     let text = |n: u64| n * (4 * dt * dt + 2 * n * dt + 2 * dt * ht);
     let read = |n: u64| text(n) + dt * d + layers * n * dt * 2 * d;
     let pass = |n: u64| layers * (1 + l) * (4 * d * d + 2 * (1 + l) * d + 2 * d * d + 2 * n * d + 2 * d * h);
-    let steps = 4;
-    let want = read(n) + read(1) + dt * 13 + steps * (pass(n) + pass(1) + l * (d * v + v * du));
+    // Distances are computed for eight codes side by side.
+    let (steps, side_by_side) = (4, v.next_multiple_of(8));
+    let want = read(n) + read(1) + dt * 13 + steps * (pass(n) + pass(1) + l * (d * v + side_by_side * du));
     let limits = Limits { words: 5, steps: 4, guided: true, anchors: false };
     assert_eq!(modules.macs(6, &limits), want);
-    let alone = read(n) + dt * 13 + steps * (pass(n) + l * (d * v + v * du));
+    let alone = read(n) + dt * 13 + steps * (pass(n) + l * (d * v + side_by_side * du));
     assert_eq!(modules.macs(6, &Limits { guided: false, ..limits }), alone);
 }

@@ -71,13 +71,18 @@ impl<'a> Codebooks<'a> {
         self.width
     }
 
-    /// One code of the first codebook into `out [du]`; zeros where there is none.
-    pub fn code(&self, code: usize, out: &mut [f32]) {
+    /// One code of the first codebook, `[du]`; nothing where there is none.
+    pub fn values(&self, code: usize) -> impl Iterator<Item = f32> + Clone + use<'a> {
         let [first, ..] = self.books;
         let bits = first.get(code * self.width..(code + 1) * self.width).unwrap_or(&[]);
+        bits.iter().map(|bits| f16::from_bits(*bits).to_f32())
+    }
+
+    /// The same into `out [du]`; zeros where there is none.
+    pub fn code(&self, code: usize, out: &mut [f32]) {
         out.fill(0.0);
-        for (to, bits) in out.iter_mut().zip(bits) {
-            *to = f16::from_bits(*bits).to_f32();
+        for (to, value) in out.iter_mut().zip(self.values(code)) {
+            *to = value;
         }
     }
 

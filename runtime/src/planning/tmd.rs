@@ -10,6 +10,7 @@
 
 use super::sampling::draw;
 use crate::decoding::codebook::Codebooks;
+use crate::kernels::wide;
 use crate::nn::softmax;
 
 /// The sampler's constants.
@@ -44,10 +45,13 @@ impl Tmd {
     }
 }
 
-/// Code vectors of length 1, `[V][du]`: what distances are measured with.
+/// Codes whose distances are computed side by side.
+const LANES: usize = 8;
+
+/// Code vectors of length 1, `[V / LANES][du][LANES]`, with zeros behind the last: what distances are measured with.
 #[derive(Debug)]
 pub struct Metric<'w> {
-    units: &'w mut [f32],
+    units: &'w [[f32; LANES]],
     width: usize,
 }
 
@@ -55,22 +59,24 @@ impl<'w> Metric<'w> {
     /// Numbers that [`Metric::new`] needs.
     #[must_use]
     pub const fn len(codebooks: &Codebooks<'_>) -> usize {
-        codebooks.codes() * codebooks.width()
+        codebooks.codes().next_multiple_of(LANES) * codebooks.width()
     }
 
-    /// Normalises the first codebook into `units`; a code of zeros stays zeros.
+    /// Normalises the first codebook into `units`, all zero before; a code of zeros stays zeros.
     #[must_use]
     pub fn new(codebooks: &Codebooks<'_>, units: &'w mut [f32]) -> Self {
         let width = codebooks.width().max(1);
-        for (code, unit) in units.chunks_exact_mut(width).enumerate() {
-            codebooks.code(code, unit);
+        let (units, _) = units.as_chunks_mut();
+        for code in 0..codebooks.codes() {
             let mut squares = 0.0;
-            for v in unit.iter() {
-                squares += *v * *v;
+            for v in codebooks.values(code) {
+                squares += v * v;
             }
             let factor = if squares > 0.0 { 1.0 / libm::sqrtf(squares) } else { 0.0 };
-            for v in unit {
-                *v *= factor;
+            for (unit, v) in units.iter_mut().skip(code / LANES * width).zip(codebooks.values(code)) {
+                if let Some(unit) = unit.get_mut(code % LANES) {
+                    *unit = v * factor;
+                }
             }
         }
         Metric { units, width }
@@ -79,17 +85,27 @@ impl<'w> Metric<'w> {
     /// `dist(i, x)` for all `i`, into `out [V]`; 0 for `x` itself.
     #[inline(never)]
     pub fn distances(&self, x: u16, out: &mut [f32]) {
-        let x = usize::from(x);
-        let of = self.units.get(x * self.width..(x + 1) * self.width).unwrap_or(&[]);
+        let (x, width) = (usize::from(x), self.width.max(1));
         #[cfg(feature = "count")]
-        crate::kernels::count::add(self.units.len());
-        for (i, (unit, out)) in self.units.chunks_exact(self.width.max(1)).zip(out).enumerate() {
-            let mut cosine = 0.0;
-            for (a, b) in unit.iter().zip(of) {
-                cosine += *a * *b;
+        crate::kernels::count::add(LANES * self.units.len());
+        wide(|| {
+            for (units, out) in self.units.chunks_exact(width).zip(out.chunks_mut(LANES)) {
+                let mut cosines = [0.0f32; LANES];
+                let of = self.units.iter().skip(x / LANES * width);
+                for (unit, of) in units.iter().zip(of) {
+                    let of = of.get(x % LANES).copied().unwrap_or(0.0);
+                    for (cosine, unit) in cosines.iter_mut().zip(unit) {
+                        *cosine += *unit * of;
+                    }
+                }
+                for (out, cosine) in out.iter_mut().zip(cosines) {
+                    let apart = 2.0 - 2.0 * cosine;
+                    *out = apart * apart;
+                }
             }
-            let apart = 2.0 - 2.0 * cosine;
-            *out = if i == x { 0.0 } else { apart * apart };
+        });
+        if let Some(own) = out.get_mut(x) {
+            *own = 0.0;
         }
     }
 

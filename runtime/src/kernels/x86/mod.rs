@@ -4,6 +4,7 @@
 mod avx2;
 mod avx512;
 mod detect;
+mod panel;
 mod rows;
 
 use super::portable;
