@@ -34,7 +34,7 @@ use crate::robot::simulation::{CHANNELS, FRAMES, wiring};
 /// Milliseconds without a word from the host after which it counts as gone.
 const SILENCE: u32 = 5_000;
 /// Bytes of the arena: 49 tokens, text with guidance, 32 anchors.
-const ARENA: usize = 400 * 1024;
+const ARENA: usize = 332 * 1024;
 
 /// Serve the device link of a simulated robot over TCP; `motionette device --port tcp:127.0.0.1:PORT` talks to it.
 ///

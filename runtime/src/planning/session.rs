@@ -65,7 +65,9 @@ struct Lengths {
     codes: usize,
     /// Of the metric.
     units: usize,
+    /// Of a pass, and of its logits.
     sizes: Sizes,
+    logits: Sizes,
 }
 
 /// Bytes of a session by purpose.
@@ -151,7 +153,7 @@ struct Draw<'s> {
 
 impl<'s> Draw<'s> {
     fn bytes(l: &Lengths) -> usize {
-        Scratch::bytes(&l.sizes)
+        Scratch::bytes(&l.logits)
             + bytes_of::<f32>(BLOCK * l.codes)
             + bytes_of::<f32>(l.codes)
             + bytes_of::<f32>(l.units)
@@ -159,7 +161,7 @@ impl<'s> Draw<'s> {
 
     fn new(arena: &mut Arena<'s>, l: &Lengths) -> Result<Self, ArenaTooSmall> {
         Ok(Draw {
-            scratch: Scratch::new(arena, &l.sizes)?,
+            scratch: Scratch::new(arena, &l.logits)?,
             logits: arena.take(BLOCK * l.codes)?,
             weights: arena.take(l.codes)?,
             units: arena.take(l.units)?,
@@ -227,6 +229,7 @@ impl<'m, 'b> Modules<'m, 'b> {
             codes: self.planner.codes(),
             units: Metric::len(self.codebooks),
             sizes,
+            logits: self.planner.logits_sizes(),
         }
     }
 

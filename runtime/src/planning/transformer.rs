@@ -135,8 +135,13 @@ impl<'a> Planner<'a> {
     /// What a [`Scratch`] must serve for so many tokens, rows of anchors and rows of memory.
     #[must_use]
     pub fn sizes(&self, tokens: usize, anchors: usize, memory: usize) -> Sizes {
-        let sizes = self.stack.sizes(1 + tokens, anchors, memory);
-        sizes.with(Sizes { outputs: self.codes(), ..Sizes::default() })
+        self.stack.sizes(1 + tokens, anchors, memory)
+    }
+
+    /// The same for [`Planner::logits`].
+    #[must_use]
+    pub fn logits_sizes(&self) -> Sizes {
+        Sizes { inputs: self.width(), outputs: self.codes(), ..Sizes::default() }
     }
 
     /// Multiply-accumulates of one pass over `tokens` tokens, logits of all positions left out.

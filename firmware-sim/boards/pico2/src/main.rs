@@ -39,7 +39,7 @@ const ROBOT: &[u8] = include_bytes!("../robot.bin");
 const CHANNELS: usize = 16;
 const FRAMES: usize = 200;
 /// Memory in which motions are made: 49 tokens, text with guidance, 8 anchors (`motionette plan`).
-const ARENA: usize = 292 * 1024;
+const ARENA: usize = 236 * 1024;
 /// Pulses a second.
 const PULSES: u16 = 50;
 

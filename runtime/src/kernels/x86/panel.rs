@@ -108,8 +108,7 @@ impl Panel {
     fn put_transposed(&mut self, w: &[i8], inputs: usize, at: usize, (columns, column): (usize, usize)) {
         let (there, to) = (inputs - at, at / 2 * columns + column);
         if w.len() >= LANES * inputs && there >= 2 * LANES {
-            // SAFETY: the last row's last byte is `at + 32 <= inputs` bytes behind its first.
-            return self.put_square(unsafe { turned(w.as_ptr().add(at), inputs) }, LANES, to, columns);
+            return self.put_square(turned(w.get(at..).unwrap_or(&[]), inputs), LANES, to, columns);
         }
         let mut square = [0; LANES * 2 * LANES];
         for (to, row) in square.chunks_exact_mut(2 * LANES).zip(w.chunks_exact(inputs)) {
@@ -117,8 +116,7 @@ impl Panel {
                 *to = *from;
             }
         }
-        // SAFETY: the array has as many bytes.
-        self.put_square(unsafe { turned(square.as_ptr(), 2 * LANES) }, there.min(2 * LANES) / 2, to, columns);
+        self.put_square(turned(&square, 2 * LANES), there.min(2 * LANES) / 2, to, columns);
     }
 
     /// Puts so many pairs of 16 rows, from `to` on, one every `columns` vectors.
@@ -151,18 +149,17 @@ impl Panel {
                 width: 4 * width,
                 last,
             };
+            let multiply: unsafe fn(&Tile) = match (sums.div_ceil(LANES), tall) {
+                (1, false) => Tile::of_4x1,
+                (1, true) => Tile::of_8x1,
+                (2, false) => Tile::of_4x2,
+                (2, true) => Tile::of_8x2,
+                (_, false) => Tile::of_4x3,
+                (_, true) => Tile::of_8x3,
+            };
             // SAFETY: there are as many rows of `x` and `acc` from here on as the tile has, `terms / 2` rows of the panel have been
             // packed, and the mask leaves out what lies behind the row's last sum.
-            unsafe {
-                match (sums.div_ceil(LANES), tall) {
-                    (1, false) => tile.of_4x1(),
-                    (1, true) => tile.of_8x1(),
-                    (2, false) => tile.of_4x2(),
-                    (2, true) => tile.of_8x2(),
-                    (_, false) => tile.of_4x3(),
-                    (_, true) => tile.of_8x3(),
-                }
-            }
+            unsafe { multiply(&tile) };
             at += if tall { 8 } else { 4 };
         }
     }
@@ -198,15 +195,15 @@ macro_rules! turned_halves {
     }};
 }
 
-/// Pairs of bytes of 16 rows, `stride` bytes apart: vector `p` has every row's pair `p`.
-///
-/// # Safety
-/// Each row has 32 bytes.
+/// Pairs of bytes of 16 rows of 32, `stride` bytes apart: vector `p` has every row's pair `p`. Zeros where rows are missing.
 #[inline]
 #[target_feature(enable = "avx512f,avx512bw,avx512vl")]
-unsafe fn turned(rows: *const i8, stride: usize) -> [__m256i; LANES] {
-    // SAFETY: the caller's.
-    let load = |r: usize| unsafe { _mm256_loadu_si256(rows.add(r * stride).cast()) };
+fn turned(rows: &[i8], stride: usize) -> [__m256i; LANES] {
+    if rows.len() < (LANES - 1) * stride + 2 * LANES {
+        return [_mm256_setzero_si256(); LANES];
+    }
+    // SAFETY: the last row's last byte is there, as was looked.
+    let load = |r: usize| unsafe { _mm256_loadu_si256(rows.as_ptr().wrapping_add(r * stride).cast()) };
     let [a, b, c, d, e, f, g, h] = turned_halves!(load, 0);
     let [i, j, k, l, m, n, o, p] = turned_halves!(load, 8);
     let low = |x, y| _mm256_inserti128_si256::<1>(x, _mm256_castsi256_si128(y));
