@@ -30,6 +30,7 @@ fn relu_words(x: &mut [f32], mask: &mut [u32]) {
 }
 
 /// The same for rows `[R][width]`, with a row of `masks` each.
+#[inline(never)]
 pub fn relu_rows(x: &mut [f32], masks: &mut [u32], width: usize) {
     let words = words(width).max(1);
     for (x, mask) in x.chunks_exact_mut(width.max(1)).zip(masks.chunks_exact_mut(words)) {
@@ -55,6 +56,7 @@ fn gate_words(g: &mut [f32], mask: &[u32]) {
 }
 
 /// The same for rows `[R][width]`, with a row of `masks` each.
+#[inline(never)]
 pub fn gate_rows(g: &mut [f32], masks: &[u32], width: usize) {
     let words = words(width).max(1);
     for (g, mask) in g.chunks_exact_mut(width.max(1)).zip(masks.chunks_exact(words)) {
