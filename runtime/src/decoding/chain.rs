@@ -96,21 +96,23 @@ impl Layer<'_, '_> {
     }
 }
 
-/// What has passed a layer.
+/// What has entered a layer: rows, and then zero rows behind the motion's last. All else follows from these.
 #[derive(Debug, Clone, Copy, Default)]
 struct Count {
-    /// Rows that the tail holds: quantised ones, but on the way back through an upsampling rows as they were.
-    held: usize,
-    /// Zero rows before the motion that count as if they were kept before those.
-    lead: usize,
-    /// Results still to come that lie before the motion.
-    before: usize,
-    /// Zero rows that will follow the motion's last row.
-    behind: usize,
-    /// Rows that have entered.
-    entered: usize,
-    /// Rows that have left.
-    left: usize,
+    rows: usize,
+    zeros: usize,
+}
+
+impl Count {
+    const fn all(&self) -> usize {
+        self.rows.saturating_add(self.zeros)
+    }
+
+    const fn add(&mut self, (rows, zeros): (usize, usize)) {
+        // A stream's may run for ever; beyond what a layer looks back they make no difference.
+        self.rows = self.rows.saturating_add(rows);
+        self.zeros += zeros;
+    }
 }
 
 /// The end of what entered a layer.
@@ -196,6 +198,8 @@ pub(super) struct Chain<'w> {
     layer: usize,
     /// No rows will come after this chunk.
     ending: bool,
+    /// All zero rows have entered the last layer.
+    complete: bool,
 }
 
 /// Buffers that a layer uses while it computes. The quantised rows of `scratch` are its window, `[kept + came][K]`.
@@ -363,17 +367,6 @@ impl<'a> Decoder<'a> {
         chunk: usize,
         channels: usize,
     ) -> Result<Chain<'w>, ArenaTooSmall> {
-        let mut counts = [Count::default(); MAX_LAYERS];
-        for (count, (_, layer)) in counts.iter_mut().zip(self.all_passed(way)) {
-            *count = Count {
-                // Back through an upsampling a zero row is one as any other.
-                held: usize::from(matches!((layer, way), (Layer::Upsample(_), Way::Back))),
-                lead: layer.kept(way),
-                before: layer.ahead(),
-                behind: layer.ahead(),
-                ..Count::default()
-            };
-        }
         let s = self.chain_sizes(way, chunk, channels);
         Ok(Chain {
             way,
@@ -383,7 +376,7 @@ impl<'a> Decoder<'a> {
                 scales: arena.take(s.tails_scales)?,
                 rows: arena.take(s.tails_rows)?,
             },
-            counts,
+            counts: [Count::default(); MAX_LAYERS],
             sequence: arena.take(s.sequence)?,
             work: Work {
                 scratch: residual::Scratch {
@@ -404,6 +397,7 @@ impl<'a> Decoder<'a> {
             rows: 0,
             layer: 0,
             ending: false,
+            complete: false,
         })
     }
 }
@@ -448,8 +442,8 @@ impl Chain<'_> {
     }
 
     /// Whether the whole motion has come out.
-    pub(super) fn ended(&self) -> bool {
-        self.ending && !self.waiting() && self.counts.iter().all(|count| count.behind == 0)
+    pub(super) const fn ended(&self) -> bool {
+        self.complete && !self.waiting()
     }
 
     /// Passes the chunk through the layers. Returns the rows that have become final, which may be none.
@@ -464,8 +458,8 @@ impl Chain<'_> {
         last: &mut Last<'_>,
         check: Check<'_>,
     ) -> Result<&mut [f32], Interrupted> {
-        let Chain { way, chunk, tails, counts, sequence, work, rows, layer: begun, ending } = self;
-        let mut complete = *ending && counts.iter().take(*begun).all(|count| count.behind == 0);
+        let Chain { way, chunk, tails, counts, sequence, work, rows, layer: begun, ending, .. } = self;
+        let mut complete = *ending;
         let mut width = match way {
             Way::Forward => channels.count(),
             Way::Back => decoder.code_width(),
@@ -479,15 +473,15 @@ impl Chain<'_> {
             // Forward they lie in the order of the pass.
             let at = if *way == Way::Forward { gate } else { gate - own };
             gate = if *way == Way::Forward { gate + own } else { at };
+            let due = layer.ahead().saturating_sub(tail.count.zeros);
             if place < *begun {
+                complete &= due == 0;
                 continue;
             }
             check()?;
             // Rows behind the motion, as far as they are due and there is room.
-            let due = tail.count.behind;
             let zeros = if complete { due.min((*chunk << stage).saturating_sub(*rows)) } else { 0 };
-            tail.count.behind = due - zeros;
-            complete &= tail.count.behind == 0;
+            complete &= due == zeros;
             let came = (*rows, zeros);
             *rows = match (layer, *way) {
                 (Layer::Upsample(conv), Way::Back) => downsample(conv, tail, came, sequence, work),
@@ -499,6 +493,7 @@ impl Chain<'_> {
             };
             *begun += 1;
         }
+        self.complete = complete;
         width *= *rows;
         (*rows, *begun) = (0, 0);
         Ok(sequence.get_mut(..width).unwrap_or(&mut []))
@@ -524,13 +519,15 @@ impl Layer<'_, '_> {
         let (came, copies) = (rows + zeros, if let Layer::Upsample(_) = self { 2 } else { 1 });
         // Results before the motion's first row and behind its last are left out.
         let Tail { q: kept_q, scales: kept_scales, rows: kept_rows, count } = tail;
-        let before = count.before.min(copies * came);
-        count.before -= before;
+        let kept = self.kept(way);
+        let (entered, gone) = (count.rows, count.all().saturating_mul(copies));
+        // Of zero rows as many as are kept lie before the motion; those behind it are in no window either.
+        let (lead, held) = (kept.saturating_sub(count.all()), entered.min(kept.saturating_sub(count.zeros)));
+        let (left, before) = (gone.saturating_sub(ahead), ahead.saturating_sub(gone).min(copies * came));
         let results = (copies * came - before).saturating_sub((copies - 1) * zeros);
         // Results begin so many rows behind the window's first.
-        let first = (ahead + before).saturating_sub(copies * count.lead);
-        let Count { entered, left, held, .. } = *count;
-        (count.entered, count.left) = (entered.wrapping_add(rows), left.wrapping_add(results));
+        let first = (ahead + before).saturating_sub(copies * lead);
+        count.add((rows, zeros));
 
         if skipped > 0 {
             // What the results are added to begins before the rows that came.
@@ -561,9 +558,7 @@ impl Layer<'_, '_> {
             copy(new_scales, last.scales.get_mut(entered..).unwrap_or(&mut []));
         }
         // As many rows are done with as came, zero rows first.
-        let done = came.saturating_sub(count.lead).min(all);
-        count.lead = count.lead.saturating_sub(came);
-        count.held = all - done;
+        let done = came.saturating_sub(lead).min(all);
         copy(q.get(done * width..all * width).unwrap_or(&[]), kept_q);
         copy(scales.get(done..all).unwrap_or(&[]), kept_scales);
         copy(sequence.get(came * width..).unwrap_or(&[]), kept_rows);
@@ -612,14 +607,15 @@ fn downsample(
 ) -> usize {
     let residual::Scratch { row, block, .. } = &mut work.scratch;
     let width = conv.outputs();
-    let held = tail.count.held;
-    let all = held + rows + zeros;
+    // Two copies and a row on either side of them make a result, and the next begins two rows later; a zero row comes first.
+    let results_of = |count: &Count| count.all().div_ceil(2).saturating_sub(1);
+    let before = results_of(tail.count);
+    let held = 1 + tail.count.all() - 2 * before;
+    tail.count.add((rows, zeros));
+    let (all, results) = (held + rows + zeros, results_of(tail.count) - before);
     shift_back(sequence, rows * width, held * width);
     copy(tail.rows.get(..held * width).unwrap_or(&[]), sequence);
     sequence.get_mut((held + rows) * width..all * width).unwrap_or(&mut []).fill(0.0);
-    // Two copies and a row on either side of them each; the next begins two rows later.
-    let results = (all / 2).saturating_sub(1);
-    tail.count.held = all - 2 * results;
     copy(sequence.get(2 * results * width..all * width).unwrap_or(&[]), tail.rows);
     let mut block_of = GradientBlock { row, sums: &mut *block.rows, q: &mut *block.q, scales: &mut *block.scales };
     let window = sequence.get_mut(..2 * (results + 1) * width).unwrap_or(&mut []);

@@ -207,8 +207,8 @@ impl<'a> Decoder<'a> {
         let tokens = u.len() / self.code_width.max(1);
         let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
         let chunk = chunk(tokens);
-        let chain = self.chain(&mut work.spare.overlay(), Way::Forward, chunk, channels.count());
-        let Ok(mut chain) = chain else { return Ok(()) };
+        let mut chain = self.chain(&mut work.spare.overlay(), Way::Forward, chunk, channels.count());
+        let Ok(chain) = &mut chain else { return Ok(()) };
         let mut chunks = u.chunks((chunk * self.code_width).max(1));
         let mut out = out.iter_mut();
         while !chain.ended() {
@@ -240,8 +240,8 @@ impl<'a> Decoder<'a> {
         let tokens = du.len() / self.code_width.max(1);
         let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
         let chunk = chunk(tokens);
-        let chain = self.chain(&mut work.spare.overlay(), Way::Back, chunk, channels.count());
-        let Ok(mut chain) = chain else { return Ok(()) };
+        let mut chain = self.chain(&mut work.spare.overlay(), Way::Back, chunk, channels.count());
+        let Ok(chain) = &mut chain else { return Ok(()) };
         let (frames, step) = (tokens * self.upsampling(), chunk * self.upsampling());
         let (mut first, mut du) = (0, du.iter_mut());
         while !chain.ended() {

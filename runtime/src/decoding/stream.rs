@@ -91,7 +91,7 @@ impl Stream<'_> {
 
     /// Whether the whole motion has come out.
     #[must_use]
-    pub fn ended(&self) -> bool {
+    pub const fn ended(&self) -> bool {
         self.chain.ended()
     }
 
