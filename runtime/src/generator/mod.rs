@@ -17,12 +17,13 @@ pub use stream::{Frame, MotionStream, Segment};
 use crate::JOINTS;
 use crate::arena::{Arena, ArenaTooSmall};
 use crate::decoding::decoder::Interrupted;
+use crate::hash::Fnv;
 use crate::log;
 use crate::model::Model;
 use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, channels};
 use crate::perception::anchors::{Anchor, AnchorSet, Target};
 use crate::perception::prompt::Heard;
-use crate::plan::{Limits, Plan, feature_columns};
+use crate::plan::{Limits, Plan, StreamLimits, feature_columns};
 use crate::planning::session::Modules;
 use crate::planning::{self, PlanningError};
 use crate::refining::{self, SolverError, Stop};
@@ -320,7 +321,8 @@ impl<'a> Generator<'a> {
         Ok(Motion { joints, u, tokens, heard, unconditioned, frame_rate, rotations, refinement, arena_used })
     }
 
-    /// Runs the blob's self-test: decodes its token sequence and compares the hash. `None`: the blob carries none.
+    /// Runs the blob's self-test: decodes its token sequence, as a stream so that it needs less memory than a motion of that length, and
+    /// compares the hash. `None`: the blob carries none.
     ///
     /// # Errors
     /// Any [`Error`] of the request.
@@ -337,8 +339,19 @@ impl<'a> Generator<'a> {
         for token in tokens.iter_mut() {
             *token = stream.below(self.model.codebooks().codes() as u32) as u16;
         }
-        let motion = self.generate(&Request::tokens(tokens), &mut ())?;
-        Ok(Some(motion.hash() == test.hash))
+        let mut hash = Fnv::default();
+        let u = Arena::new(self.arena).take(self.model.decoder().code_width()).map_err(Error::Arena)?;
+        for position in tokens.chunks_exact(self.model.codebooks().quantizers().max(1)) {
+            self.model.codebooks().embed(position, u)?;
+            hash = hash.singles(u);
+        }
+        let mut motion = self.stream(&StreamLimits { tokens: usize::from(test.tokens), planning: None })?;
+        motion.push(tokens)?;
+        motion.finish();
+        while let Some(frames) = motion.frames(&mut ())? {
+            hash = hash.singles(frames.as_flattened().as_flattened());
+        }
+        Ok(Some(hash.value() == test.hash))
     }
 }
 
