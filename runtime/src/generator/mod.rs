@@ -326,6 +326,8 @@ impl<'a> Generator<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of the request.
+    // Its own frame: the stream is not to lie on the stack of whoever asks, while motions are made.
+    #[inline(never)]
     pub fn self_test(&mut self) -> Result<Option<bool>, Error> {
         let test = self.model.self_test();
         if test.hash == 0 {
