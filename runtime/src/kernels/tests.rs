@@ -1,6 +1,6 @@
 //! Every variant that this machine can run, against the portable one.
 
-use super::check::{Buffers, CHOSEN, Variant, Which, run};
+use super::check::{Buffers, CHOSEN, Kernel, Variant, Which, run};
 use std::boxed::Box;
 use std::string::String;
 use std::vec::Vec;
@@ -35,6 +35,36 @@ fn variants_agree_with_the_portable_kernels() {
     for (name, variant) in variants() {
         let cases = run(&variant, &mut buffers).unwrap_or_else(|mismatch| panic!("{name}: {mismatch:?}"));
         assert!(cases > 50_000);
+    }
+}
+
+/// Longer sums than the runner's, up to where a variant has no more room for them and beyond.
+#[test]
+fn variants_agree_on_long_sums() {
+    let mut stream = crate::hash::Stream::new(5);
+    for (rows, terms) in [(8, 98), (9, 126), (12, 130), (23, 190), (24, 192), (8, 254), (11, 256), (13, 258), (24, 512)]
+    {
+        for sums in [1, 15, 16, 49, 96] {
+            let x: Vec<i16> = (0..rows * terms).map(|_| stream.below(1 << 16) as i16).collect();
+            let w: Vec<i8> = (0..sums * terms).map(|_| stream.below(1 << 8) as i8).collect();
+            let acc = std::vec![3; rows * sums + super::room(rows, terms)];
+            for (name, variant) in variants() {
+                let kernels: [(Kernel, Kernel, usize, usize); 2] = [
+                    (variant.linear, super::portable::linear_s16s8, terms, sums),
+                    (variant.transposed, super::portable::linear_transposed_s16s8, sums, terms),
+                ];
+                for (kernel, portable, inputs, outputs) in kernels {
+                    let (mut got, mut want) = (acc.clone(), acc.clone());
+                    kernel(&x, &w, inputs, outputs, &mut got);
+                    portable(&x, &w, inputs, outputs, &mut want);
+                    assert_eq!(
+                        got[..rows * sums],
+                        want[..rows * sums],
+                        "{name}: {rows} rows, {terms} terms, {sums} sums"
+                    );
+                }
+            }
+        }
     }
 }
 

@@ -13,10 +13,9 @@ const OUTPUTS: usize = 4;
 /// See [`super::portable::linear_s16s8`].
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
 pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    if inputs.is_multiple_of(2) && whole(x, w, (inputs, outputs), acc) {
-        return panel::forward(x, w, inputs, outputs, acc);
+    if !panel::forward(x, w, inputs, outputs, acc) {
+        by_rows!(forward, x, inputs, acc, outputs, w);
     }
-    by_rows!(forward, x, inputs, acc, outputs, w);
 }
 
 /// See [`super::portable::linear_s16s4`].
@@ -30,16 +29,9 @@ pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mu
 /// See [`super::portable::linear_transposed_s16s8`].
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
 pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    if whole(g, w, (outputs, inputs), acc) {
-        return panel::transposed(g, w, outputs, inputs, acc);
+    if !panel::transposed(g, w, outputs, inputs, acc) {
+        by_rows!(transposed, g, outputs, acc, inputs, w);
     }
-    by_rows!(transposed, g, outputs, acc, inputs, w);
-}
-
-/// Whether a panel serves, and nothing is missing of `x [..][terms]`, the weights and `acc [..][sums]`.
-fn whole(x: &[i16], w: &[i8], (terms, sums): (usize, usize), acc: &[i32]) -> bool {
-    let rows = x.len() / terms.max(1);
-    panel::serves(rows, terms) && sums > 0 && w.len() == terms * sums && acc.len() / sums >= rows
 }
 
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]

@@ -9,7 +9,7 @@ use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 
 /// Rows from which a panel pays.
-pub const ROWS: usize = 8;
+const ROWS: usize = 8;
 /// Sums of a vector.
 const LANES: usize = 16;
 /// Vectors of a panel's row.
@@ -17,48 +17,52 @@ const COLUMNS: usize = 3;
 /// Pairs of terms that a panel has room for.
 const PAIRS: usize = 128;
 
-/// Weights by pairs of terms, `[pairs][columns][LANES][2]` as int16.
+/// Weights by pairs of terms, `[PAIRS][COLUMNS][LANES][2]` as int16, of which the first are there.
 struct Panel {
-    vectors: [MaybeUninit<__m512i>; PAIRS * COLUMNS],
+    pairs: [Pair; PAIRS],
 }
 
-/// Whether a panel can serve so many rows of `terms` terms a sum.
-pub const fn serves(rows: usize, terms: usize) -> bool {
-    rows >= ROWS && terms > 1 && terms <= 2 * PAIRS
-}
+/// A pair of terms of all sums.
+type Pair = [MaybeUninit<__m512i>; COLUMNS];
 
-/// `acc[r][n] = sum of x[r][k] w[n][k]` for complete `x [rows][K]`, `w [N][K]`, `acc [rows][N]` that a panel [`serves`], `K` even.
+/// `acc[r][n] = sum of x[r][k] w[n][k]` for `x [rows][K]`, `w [N][K]`, `acc [rows][N]`. Returns whether it did: a panel serves many rows,
+/// of which nothing is missing, and pairs of terms.
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
-pub fn forward(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+pub fn forward(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) -> bool {
+    if !inputs.is_multiple_of(2) || !serves(x, w, (inputs, outputs), acc) {
+        return false;
+    }
     let mut panel = Panel::new();
     for first in (0..outputs).step_by(COLUMNS * LANES) {
         let sums = (outputs - first).min(COLUMNS * LANES);
-        let columns = sums.div_ceil(LANES);
-        for column in 0..columns {
+        for column in 0..sums.div_ceil(LANES) {
             let begin = first + column * LANES;
             let rows = w.get(begin * inputs..(begin + LANES).min(outputs) * inputs).unwrap_or(&[]);
-            for at in (0..inputs).step_by(2 * LANES) {
-                panel.put_transposed(rows, inputs, at, (columns, column));
+            for at in (0..inputs).step_by(4 * LANES) {
+                panel.put_turned(rows, inputs, at, column);
             }
         }
         panel.multiply(x, inputs, first, sums, acc, outputs);
     }
+    true
 }
 
-/// `acc[r][k] = sum of g[r][n] w[n][k]` for complete `g [rows][N]`, `w [N][K]`, `acc [rows][K]` that a panel [`serves`].
+/// `acc[r][k] = sum of g[r][n] w[n][k]` for `g [rows][N]`, `w [N][K]`, `acc [rows][K]`. Returns whether it did, as [`forward`].
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
-pub fn transposed(g: &[i16], w: &[i8], outputs: usize, inputs: usize, acc: &mut [i32]) {
+pub fn transposed(g: &[i16], w: &[i8], outputs: usize, inputs: usize, acc: &mut [i32]) -> bool {
+    if !serves(g, w, (outputs, inputs), acc) {
+        return false;
+    }
     let mut panel = Panel::new();
     for first in (0..inputs).step_by(COLUMNS * LANES) {
         let sums = (inputs - first).min(COLUMNS * LANES);
-        let columns = sums.div_ceil(LANES);
-        for (pair, w) in w.chunks_exact(2 * inputs).enumerate() {
-            let (even, odd) = w.split_at_checked(inputs).unwrap_or((&[], &[]));
-            for column in 0..columns {
-                let at = first + column * LANES;
-                let (even, odd) = (lanes(even, at), lanes(odd, at));
-                let both = _mm256_set_m128i(_mm_unpackhi_epi8(even, odd), _mm_unpacklo_epi8(even, odd));
-                panel.put(pair * columns + column, _mm512_cvtepi8_epi16(both));
+        for column in 0..sums.div_ceil(LANES) {
+            let at = first + column * LANES;
+            let there = mask(inputs - at);
+            for (pair, w) in panel.pairs.iter_mut().zip(w.chunks_exact(2 * inputs)) {
+                let (even, odd) = w.split_at_checked(inputs).unwrap_or((&[], &[]));
+                let (even, odd) = (lanes(even, at, there), lanes(odd, at, there));
+                put(pair, column, _mm512_mask_blend_epi16(ODD, even, _mm512_slli_epi32::<16>(odd)));
             }
         }
         panel.multiply(g, outputs, first, sums, acc, inputs);
@@ -72,15 +76,31 @@ pub fn transposed(g: &[i16], w: &[i8], outputs: usize, inputs: usize, acc: &mut 
             }
         }
     }
+    true
 }
 
-/// 16 weights from `at` on, zeros behind the end.
+/// Whether there are enough rows, not too many terms, and nothing is missing of `x [..][terms]`, the weights and `acc [..][sums]`.
+/// That no tile reads or writes beyond them rests on it.
+fn serves(x: &[i16], w: &[i8], (terms, sums): (usize, usize), acc: &[i32]) -> bool {
+    let rows = x.len() / terms.max(1);
+    rows >= ROWS
+        && terms > 1
+        && terms <= 2 * PAIRS
+        && sums > 0
+        && terms.checked_mul(sums) == Some(w.len())
+        && acc.len() / sums >= rows
+}
+
+/// The high halves of all lanes.
+const ODD: u32 = 0xAAAA_AAAA;
+
+/// 16 weights from `at` on, those of the mask.
 #[inline]
 #[target_feature(enable = "avx512f,avx512bw,avx512vl")]
-fn lanes(row: &[i8], at: usize) -> __m128i {
+fn lanes(row: &[i8], at: usize, there: u16) -> __m512i {
     let rest = row.get(at..).unwrap_or(&[]);
     // SAFETY: only the bytes that there are, are read.
-    unsafe { _mm_maskz_loadu_epi8(mask(rest.len()), rest.as_ptr()) }
+    _mm512_cvtepi8_epi32(unsafe { _mm_maskz_loadu_epi8(there & mask(rest.len()), rest.as_ptr()) })
 }
 
 /// The first `count` of 16 lanes.
@@ -92,39 +112,31 @@ const fn mask(count: usize) -> u16 {
 impl Panel {
     #[inline]
     const fn new() -> Self {
-        Panel { vectors: [const { MaybeUninit::uninit() }; PAIRS * COLUMNS] }
+        Panel { pairs: [const { [const { MaybeUninit::uninit() }; COLUMNS] }; PAIRS] }
     }
 
-    #[inline]
-    fn put(&mut self, at: usize, vector: __m512i) {
-        if let Some(to) = self.vectors.get_mut(at) {
-            to.write(vector);
-        }
-    }
-
-    /// Packs the pairs from input `at` on, 16 of them or what there are, of up to 16 rows of weights; zeros where there is no row.
+    /// Packs the pairs from input `at` on, a multiple of 64: 32 of them or what there are, of up to 16 rows of weights.
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512vl")]
-    fn put_transposed(&mut self, w: &[i8], inputs: usize, at: usize, (columns, column): (usize, usize)) {
-        let (there, to) = (inputs - at, at / 2 * columns + column);
-        if w.len() >= LANES * inputs && there >= 2 * LANES {
-            return self.put_square(turned(w.get(at..).unwrap_or(&[]), inputs), LANES, to, columns);
-        }
-        let mut square = [0; LANES * 2 * LANES];
-        for (to, row) in square.chunks_exact_mut(2 * LANES).zip(w.chunks_exact(inputs)) {
-            for (to, from) in to.iter_mut().zip(row.iter().skip(at)) {
-                *to = *from;
-            }
-        }
-        self.put_square(turned(&square, 2 * LANES), there.min(2 * LANES) / 2, to, columns);
-    }
-
-    /// Puts so many pairs of 16 rows, from `to` on, one every `columns` vectors.
-    #[inline]
-    #[target_feature(enable = "avx512f,avx512bw,avx512vl")]
-    fn put_square(&mut self, pairs: [__m256i; LANES], count: usize, to: usize, columns: usize) {
-        for (r, pairs) in pairs.into_iter().enumerate().take(count) {
-            self.put(to + r * columns, _mm512_cvtepi8_epi16(pairs));
+    fn put_turned(&mut self, w: &[i8], inputs: usize, at: usize, column: usize) {
+        let (bytes, Some(last)) = ((inputs - at).min(4 * LANES), (w.len() / inputs).checked_sub(1)) else { return };
+        let Some([low, high, ..]) = self.pairs.get_mut(at / 2..).map(|pairs| pairs.as_chunks_mut().0) else { return };
+        let there = u64::MAX >> (4 * LANES - bytes);
+        // Each four bytes in the order 2, 0, 3, 1: the high ones are a pair, and the low ones the next.
+        let order = _mm512_set4_epi32(0x0D_0F_0C_0E, 0x09_0B_08_0A, 0x05_07_04_06, 0x01_03_00_02);
+        let load = |r: usize| {
+            // Where there is no row another takes its place: nobody asks for its sums.
+            let row = w.as_ptr().wrapping_add(r.min(last) * inputs + at);
+            // SAFETY: the row's bytes from `at` on are there, and no others are read.
+            _mm512_shuffle_epi8(unsafe { _mm512_maskz_loadu_epi8(there, row) }, order)
+        };
+        let [a, b, c, d] = turned_lanes([load(0), load(1), load(2), load(3)]);
+        let [e, f, g, h] = turned_lanes([load(4), load(5), load(6), load(7)]);
+        let [i, j, k, l] = turned_lanes([load(8), load(9), load(10), load(11)]);
+        let [m, n, o, p] = turned_lanes([load(12), load(13), load(14), load(15)]);
+        put_half(low, column, joined_lanes::<0x44>([[a, e, i, m], [b, f, j, n], [c, g, k, o], [d, h, l, p]]));
+        if bytes > 2 * LANES {
+            put_half(high, column, joined_lanes::<0xEE>([[a, e, i, m], [b, f, j, n], [c, g, k, o], [d, h, l, p]]));
         }
     }
 
@@ -143,7 +155,7 @@ impl Panel {
             let tile = Tile {
                 x: x.as_ptr(),
                 row: 2 * terms,
-                panel: self.vectors.as_ptr().cast(),
+                panel: self.pairs.as_ptr().cast(),
                 pairs: terms / 2,
                 acc: acc.as_mut_ptr(),
                 width: 4 * width,
@@ -165,67 +177,46 @@ impl Panel {
     }
 }
 
-/// Merges eight vectors' pairs, each of 16 bits, the first four with the last four.
-macro_rules! merged {
-    ($a:ident $b:ident $c:ident $d:ident $e:ident $f:ident $g:ident $h:ident) => {
-        [
-            _mm256_unpacklo_epi16($a, $e),
-            _mm256_unpackhi_epi16($a, $e),
-            _mm256_unpacklo_epi16($b, $f),
-            _mm256_unpackhi_epi16($b, $f),
-            _mm256_unpacklo_epi16($c, $g),
-            _mm256_unpackhi_epi16($c, $g),
-            _mm256_unpacklo_epi16($d, $h),
-            _mm256_unpackhi_epi16($d, $h),
-        ]
-    };
-}
-
-/// Turns both halves of eight rows over: three merges do it for squares of 8 x 8.
-macro_rules! turned_halves {
-    ($load:expr, $first:expr) => {{
-        let load = $load;
-        let [a, b, c, d, e, f, g, h] = [
-            load($first), load($first + 1), load($first + 2), load($first + 3),
-            load($first + 4), load($first + 5), load($first + 6), load($first + 7),
-        ];
-        let [a, b, c, d, e, f, g, h] = merged!(a b c d e f g h);
-        let [a, b, c, d, e, f, g, h] = merged!(a b c d e f g h);
-        merged!(a b c d e f g h)
-    }};
-}
-
-/// Pairs of bytes of 16 rows of 32, `stride` bytes apart: vector `p` has every row's pair `p`. Zeros where rows are missing.
+/// Turns each quarter of four vectors over: its square of 4 x 4 numbers of 32 bits.
 #[inline]
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
-fn turned(rows: &[i8], stride: usize) -> [__m256i; LANES] {
-    if rows.len() < (LANES - 1) * stride + 2 * LANES {
-        return [_mm256_setzero_si256(); LANES];
-    }
-    // SAFETY: the last row's last byte is there, as was looked.
-    let load = |r: usize| unsafe { _mm256_loadu_si256(rows.as_ptr().wrapping_add(r * stride).cast()) };
-    let [a, b, c, d, e, f, g, h] = turned_halves!(load, 0);
-    let [i, j, k, l, m, n, o, p] = turned_halves!(load, 8);
-    let low = |x, y| _mm256_inserti128_si256::<1>(x, _mm256_castsi256_si128(y));
-    let high = |x, y| _mm256_permute2x128_si256::<0x31>(x, y);
+#[target_feature(enable = "avx512f")]
+fn turned_lanes([a, b, c, d]: [__m512i; 4]) -> [__m512i; 4] {
+    let (low_ab, high_ab) = (_mm512_unpacklo_epi32(a, b), _mm512_unpackhi_epi32(a, b));
+    let (low_cd, high_cd) = (_mm512_unpacklo_epi32(c, d), _mm512_unpackhi_epi32(c, d));
     [
-        low(a, i),
-        low(b, j),
-        low(c, k),
-        low(d, l),
-        low(e, m),
-        low(f, n),
-        low(g, o),
-        low(h, p),
-        high(a, i),
-        high(b, j),
-        high(c, k),
-        high(d, l),
-        high(e, m),
-        high(f, n),
-        high(g, o),
-        high(h, p),
+        _mm512_unpacklo_epi64(low_ab, low_cd),
+        _mm512_unpackhi_epi64(low_ab, low_cd),
+        _mm512_unpacklo_epi64(high_ab, high_cd),
+        _mm512_unpackhi_epi64(high_ab, high_cd),
     ]
+}
+
+/// Of each four vectors two quarters, joined: by `0x44` the first and the second ones, by `0xEE` the third and the fourth ones.
+#[inline]
+#[target_feature(enable = "avx512f")]
+fn joined_lanes<const QUARTERS: i32>(fours: [[__m512i; 4]; 4]) -> [__m512i; 8] {
+    let [(a, e), (b, f), (c, g), (d, h)] = fours.map(|[a, b, c, d]| {
+        let (ab, cd) = (_mm512_shuffle_i32x4::<QUARTERS>(a, b), _mm512_shuffle_i32x4::<QUARTERS>(c, d));
+        (_mm512_shuffle_i32x4::<0x88>(ab, cd), _mm512_shuffle_i32x4::<0xDD>(ab, cd))
+    });
+    [a, b, c, d, e, f, g, h]
+}
+
+/// Puts two pairs of each vector.
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw")]
+fn put_half(to: &mut [Pair; LANES], column: usize, fours: [__m512i; 8]) {
+    for ([first, second], fours) in to.as_chunks_mut().0.iter_mut().zip(fours) {
+        put(first, column, _mm512_srai_epi16::<8>(fours));
+        put(second, column, _mm512_srai_epi16::<8>(_mm512_slli_epi16::<8>(fours)));
+    }
+}
+
+#[inline]
+fn put(to: &mut Pair, column: usize, vector: __m512i) {
+    if let Some(to) = to.get_mut(column) {
+        to.write(vector);
+    }
 }
 
 /// Some rows by some vectors of sums.
@@ -242,30 +233,57 @@ struct Tile {
     last: u16,
 }
 
+/// Sets a row's sums to zero.
+macro_rules! zeros {
+    ($($sum:literal)*) => {
+        concat!($("vpxord zmm", $sum, ", zmm", $sum, ", zmm", $sum, "\n",)*)
+    };
+}
+
+/// Loads a panel's row, and goes on to the next.
+macro_rules! weights {
+    ($($register:literal at $place:literal),*) => {
+        concat!(
+            $("vmovdqu64 zmm", $register, ", zmmword ptr [{panel} + ", $place, "]\n",)*
+            "add {panel}, 192",
+        )
+    };
+    (1) => { weights!("24" at "0") };
+    (2) => { weights!("24" at "0", "25" at "64") };
+    (3) => { weights!("24" at "0", "25" at "64", "26" at "128") };
+}
+
 /// A row's pair broadcast, times each vector of weights.
 macro_rules! products {
-    ($at:literal, $($weights:literal $sum:literal)*) => {
+    ($at:literal: $($weights:literal $sum:literal)*) => {
         concat!(
             "vpbroadcastd zmm27, dword ptr [", $at, "]\n",
             $("vpdpwssd zmm", $sum, ", zmm", $weights, ", zmm27\n",)*
         )
     };
+    ($at:literal, $a:literal) => { products!($at: "24" $a) };
+    ($at:literal, $a:literal $b:literal) => { products!($at: "24" $a "25" $b) };
+    ($at:literal, $a:literal $b:literal $c:literal) => { products!($at: "24" $a "25" $b "26" $c) };
 }
 
-/// Stores a row of sums, the last vector by its mask.
+/// Stores a row of sums, the last vector by its mask, and goes on to the next.
 macro_rules! sums {
     ($($at:literal $sum:literal)*; $last_at:literal $last:literal) => {
         concat!(
             $("vmovdqu32 zmmword ptr [{acc} + ", $at, "], zmm", $sum, "\n",)*
             "vmovdqu32 zmmword ptr [{acc} + ", $last_at, "]{{k1}}, zmm", $last, "\n",
-            "add {acc}, {width}\n",
+            "add {acc}, {width}",
         )
     };
+    ($a:literal) => { sums!(; "0" $a) };
+    ($a:literal $b:literal) => { sums!("0" $a; "64" $b) };
+    ($a:literal $b:literal $c:literal) => { sums!("0" $a "64" $b; "128" $c) };
 }
 
-/// A tile: what each row does in each step, its accumulators, and how they are stored.
+/// A tile: its vectors a row, and the registers of each row's sums.
 macro_rules! tile {
-    ($name:ident, $bytes:literal, [$($weights:literal at $place:literal),*], [$($products:expr),*], [$($zero:literal)*], [$($sums:expr),*]) => {
+    ($name:ident, $columns:tt: [$($a:literal)*] [$($b:literal)*] [$($c:literal)*] [$($d:literal)*]
+        $([$($e:literal)*] [$($f:literal)*] [$($g:literal)*] [$($h:literal)*])?) => {
         /// # Safety
         /// The rows of `x`, of the panel and of `acc` are there, and the processor has AVX-512 with VNNI.
         #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vnni")]
@@ -273,16 +291,28 @@ macro_rules! tile {
             // SAFETY: it reads and writes those rows, `pairs` of the panel and of each row's pairs, and no stack.
             unsafe {
                 asm!(
-                    $(concat!("vpxord zmm", $zero, ", zmm", $zero, ", zmm", $zero),)*
+                    zeros!($($a)* $($b)* $($c)* $($d)* $($($e)* $($f)* $($g)* $($h)*)?),
                     "2:",
-                    $(concat!("vmovdqu64 zmm", $weights, ", zmmword ptr [{panel} + ", $place, "]"),)*
-                    $($products,)*
+                    weights!($columns),
+                    products!("{x}", $($a)*),
+                    products!("{x} + {row}", $($b)*),
+                    products!("{x} + 2*{row}", $($c)*),
+                    products!("{x} + {rows3}", $($d)*),
+                    $(
+                        products!("{y}", $($e)*),
+                        products!("{y} + {row}", $($f)*),
+                        products!("{y} + 2*{row}", $($g)*),
+                        products!("{y} + {rows3}", $($h)*),
+                    )?
                     "add {x}, 4",
                     "add {y}, 4",
-                    concat!("add {panel}, ", $bytes),
                     "dec {pairs}",
                     "jnz 2b",
-                    $($sums,)*
+                    sums!($($a)*),
+                    sums!($($b)*),
+                    sums!($($c)*),
+                    sums!($($d)*),
+                    $(sums!($($e)*), sums!($($f)*), sums!($($g)*), sums!($($h)*),)?
                     x = inout(reg) self.x => _,
                     y = inout(reg) self.x.wrapping_byte_add(4 * self.row) => _,
                     row = in(reg) self.row,
@@ -305,124 +335,11 @@ macro_rules! tile {
 }
 
 impl Tile {
-    tile!(
-        of_4x1, "64", ["24" at "0"],
-        [
-            products!("{x}", "24" "0"),
-            products!("{x} + {row}", "24" "1"),
-            products!("{x} + 2*{row}", "24" "2"),
-            products!("{x} + {rows3}", "24" "3")
-        ],
-        ["0" "1" "2" "3"],
-        [
-            sums!(; "0" "0"),
-            sums!(; "0" "1"),
-            sums!(; "0" "2"),
-            sums!(; "0" "3")
-        ]
-    );
-    tile!(
-        of_4x2, "128", ["24" at "0", "25" at "64"],
-        [
-            products!("{x}", "24" "0" "25" "1"),
-            products!("{x} + {row}", "24" "2" "25" "3"),
-            products!("{x} + 2*{row}", "24" "4" "25" "5"),
-            products!("{x} + {rows3}", "24" "6" "25" "7")
-        ],
-        ["0" "1" "2" "3" "4" "5" "6" "7"],
-        [
-            sums!("0" "0"; "64" "1"),
-            sums!("0" "2"; "64" "3"),
-            sums!("0" "4"; "64" "5"),
-            sums!("0" "6"; "64" "7")
-        ]
-    );
-    tile!(
-        of_4x3, "192", ["24" at "0", "25" at "64", "26" at "128"],
-        [
-            products!("{x}", "24" "0" "25" "1" "26" "2"),
-            products!("{x} + {row}", "24" "3" "25" "4" "26" "5"),
-            products!("{x} + 2*{row}", "24" "6" "25" "7" "26" "8"),
-            products!("{x} + {rows3}", "24" "9" "25" "10" "26" "11")
-        ],
-        ["0" "1" "2" "3" "4" "5" "6" "7" "8" "9" "10" "11"],
-        [
-            sums!("0" "0" "64" "1"; "128" "2"),
-            sums!("0" "3" "64" "4"; "128" "5"),
-            sums!("0" "6" "64" "7"; "128" "8"),
-            sums!("0" "9" "64" "10"; "128" "11")
-        ]
-    );
-    tile!(
-        of_8x1, "64", ["24" at "0"],
-        [
-            products!("{x}", "24" "0"),
-            products!("{x} + {row}", "24" "1"),
-            products!("{x} + 2*{row}", "24" "2"),
-            products!("{x} + {rows3}", "24" "3"),
-            products!("{y}", "24" "4"),
-            products!("{y} + {row}", "24" "5"),
-            products!("{y} + 2*{row}", "24" "6"),
-            products!("{y} + {rows3}", "24" "7")
-        ],
-        ["0" "1" "2" "3" "4" "5" "6" "7"],
-        [
-            sums!(; "0" "0"),
-            sums!(; "0" "1"),
-            sums!(; "0" "2"),
-            sums!(; "0" "3"),
-            sums!(; "0" "4"),
-            sums!(; "0" "5"),
-            sums!(; "0" "6"),
-            sums!(; "0" "7")
-        ]
-    );
-    tile!(
-        of_8x2, "128", ["24" at "0", "25" at "64"],
-        [
-            products!("{x}", "24" "0" "25" "1"),
-            products!("{x} + {row}", "24" "2" "25" "3"),
-            products!("{x} + 2*{row}", "24" "4" "25" "5"),
-            products!("{x} + {rows3}", "24" "6" "25" "7"),
-            products!("{y}", "24" "8" "25" "9"),
-            products!("{y} + {row}", "24" "10" "25" "11"),
-            products!("{y} + 2*{row}", "24" "12" "25" "13"),
-            products!("{y} + {rows3}", "24" "14" "25" "15")
-        ],
-        ["0" "1" "2" "3" "4" "5" "6" "7" "8" "9" "10" "11" "12" "13" "14" "15"],
-        [
-            sums!("0" "0"; "64" "1"),
-            sums!("0" "2"; "64" "3"),
-            sums!("0" "4"; "64" "5"),
-            sums!("0" "6"; "64" "7"),
-            sums!("0" "8"; "64" "9"),
-            sums!("0" "10"; "64" "11"),
-            sums!("0" "12"; "64" "13"),
-            sums!("0" "14"; "64" "15")
-        ]
-    );
-    tile!(
-        of_8x3, "192", ["24" at "0", "25" at "64", "26" at "128"],
-        [
-            products!("{x}", "24" "0" "25" "1" "26" "2"),
-            products!("{x} + {row}", "24" "3" "25" "4" "26" "5"),
-            products!("{x} + 2*{row}", "24" "6" "25" "7" "26" "8"),
-            products!("{x} + {rows3}", "24" "9" "25" "10" "26" "11"),
-            products!("{y}", "24" "12" "25" "13" "26" "14"),
-            products!("{y} + {row}", "24" "15" "25" "16" "26" "17"),
-            products!("{y} + 2*{row}", "24" "18" "25" "19" "26" "20"),
-            products!("{y} + {rows3}", "24" "21" "25" "22" "26" "23")
-        ],
-        ["0" "1" "2" "3" "4" "5" "6" "7" "8" "9" "10" "11" "12" "13" "14" "15" "16" "17" "18" "19" "20" "21" "22" "23"],
-        [
-            sums!("0" "0" "64" "1"; "128" "2"),
-            sums!("0" "3" "64" "4"; "128" "5"),
-            sums!("0" "6" "64" "7"; "128" "8"),
-            sums!("0" "9" "64" "10"; "128" "11"),
-            sums!("0" "12" "64" "13"; "128" "14"),
-            sums!("0" "15" "64" "16"; "128" "17"),
-            sums!("0" "18" "64" "19"; "128" "20"),
-            sums!("0" "21" "64" "22"; "128" "23")
-        ]
-    );
+    tile!(of_4x1, 1: ["0"] ["1"] ["2"] ["3"]);
+    tile!(of_8x1, 1: ["0"] ["1"] ["2"] ["3"] ["4"] ["5"] ["6"] ["7"]);
+    tile!(of_4x2, 2: ["0" "1"] ["2" "3"] ["4" "5"] ["6" "7"]);
+    tile!(of_8x2, 2: ["0" "1"] ["2" "3"] ["4" "5"] ["6" "7"] ["8" "9"] ["10" "11"] ["12" "13"] ["14" "15"]);
+    tile!(of_4x3, 3: ["0" "1" "2"] ["3" "4" "5"] ["6" "7" "8"] ["9" "10" "11"]);
+    tile!(of_8x3, 3: ["0" "1" "2"] ["3" "4" "5"] ["6" "7" "8"] ["9" "10" "11"]
+        ["12" "13" "14"] ["15" "16" "17"] ["18" "19" "20"] ["21" "22" "23"]);
 }
