@@ -42,7 +42,9 @@ fn decoder(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
         let codes = u32::try_from(model.codebooks().codes())?;
         let mut u = vec![0.0; tokens * decoder.code_width()];
         for u in u.chunks_exact_mut(decoder.code_width()) {
-            model.codebooks().code(stream.below(codes) as usize, u);
+            for (u, v) in u.iter_mut().zip(model.codebooks().values(stream.below(codes) as usize)) {
+                *u = v;
+            }
         }
         let mut out = vec![0.0; tokens * model.frames_per_token() * channels.count()];
         let mut du = vec![0.0; u.len()];

@@ -78,14 +78,6 @@ impl<'a> Codebooks<'a> {
         bits.iter().map(|bits| f16::from_bits(*bits).to_f32())
     }
 
-    /// The same into `out [du]`; zeros where there is none.
-    pub fn code(&self, code: usize, out: &mut [f32]) {
-        out.fill(0.0);
-        for (to, value) in out.iter_mut().zip(self.values(code)) {
-            *to = value;
-        }
-    }
-
     /// Quantizers.
     #[must_use]
     pub const fn quantizers(&self) -> usize {

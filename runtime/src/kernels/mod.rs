@@ -2,7 +2,7 @@
 //!
 //! The portable implementation is the specification and what every other target runs. Cortex-M cores with the DSP extension
 //! or MVE have loops in assembly. x86-64 has AVX2 and AVX-512 variants, of which the best that processor and system support
-//! is chosen at the first call; there the loops over f32 around the integers gain from wide registers as well: [`wide`].
+//! is chosen at the first call; there the loops over f32 around the integers gain from wide registers as well: [`widened`].
 //! Callers guarantee by the range of the activations ([`crate::nn::quantise::limit`]) that no accumulator can overflow,
 //! and all variants wrap where one does, so every order of summation gives the same bits.
 //!
@@ -26,10 +26,22 @@ pub use chosen::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(feature = "count")]
 pub use count::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(not(target_arch = "x86_64"))]
-pub use portable::wide;
+pub use portable::widened;
 pub use portable::{GROUP, GROUP_BYTES, unpacked};
 #[cfg(target_arch = "x86_64")]
-pub use x86::wide;
+pub use x86::widened;
+
+/// Runs an elementwise loop, compiled for the widest registers of the machine: [`widened`] of a body that the compiler cannot leave
+/// outside, where it would be compiled for any machine.
+macro_rules! wide {
+    ($body:expr) => {
+        $crate::kernels::widened(
+            #[inline(always)]
+            || $body,
+        )
+    };
+}
+pub(crate) use wide;
 
 /// What this target runs.
 mod chosen {

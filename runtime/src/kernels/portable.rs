@@ -83,6 +83,6 @@ pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usiz
 /// floating-point operations, so the bits do not depend on the width.
 #[cfg(not(target_arch = "x86_64"))]
 #[inline(always)]
-pub fn wide<R>(body: impl FnOnce() -> R) -> R {
+pub fn widened<R>(body: impl FnOnce() -> R) -> R {
     body()
 }

@@ -13,7 +13,7 @@ pub fn apply(activation: Activation, x: &mut [f32]) {
                 *x = if *x > 0.0 { *x } else { 0.0 };
             }
         }
-        Activation::Gelu => wide(|| {
+        Activation::Gelu => wide!({
             for x in x {
                 *x = gelu(*x);
             }

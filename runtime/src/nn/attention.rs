@@ -6,7 +6,7 @@
 
 use super::linear::BLOCK;
 use super::{quantise, softmax};
-use crate::kernels::{linear_s16s8, linear_transposed_s16s8};
+use crate::kernels::{linear_s16s8, linear_transposed_s16s8, wide};
 
 /// How a width is split into heads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,17 +127,18 @@ pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32]
             let key_scales = s.key_scales.get(head * n..(head + 1) * n).unwrap_or(&[]);
             let each = scratch.scores.chunks_exact_mut(keys).zip(scratch.acc.chunks_exact(n.max(1)));
             for ((scores, acc), scale) in each.zip(scratch.scales.iter()).take(rows) {
-                let factor = *scale * root;
-                let to = scores.iter_mut().skip(first);
-                for ((to, acc), key_scale) in to.zip(acc).zip(key_scales) {
-                    *to = *acc as f32 * factor * *key_scale;
-                }
+                let (factor, scores) = (*scale * root, scores.get_mut(first..).unwrap_or(&mut []));
+                wide!({
+                    for ((to, acc), key_scale) in scores.iter_mut().zip(acc).zip(key_scales) {
+                        *to = *acc as f32 * factor * *key_scale;
+                    }
+                });
             }
             first += n;
         }
         let mut steps = [quantise::Step::default(); BLOCK];
+        softmax::rows(scratch.scores.get_mut(..rows * keys).unwrap_or(&mut []), keys);
         for (scores, step) in scratch.scores.chunks_exact_mut(keys).zip(&mut steps).take(rows) {
-            softmax::softmax(scores);
             let mut rest = scores.iter_mut();
             for s in segments {
                 let value_scales = s.value_scales.get(head * s.rows..(head + 1) * s.rows).unwrap_or(&[]);
@@ -157,9 +158,12 @@ pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32]
             let values = s.values.get(head * n * dh..(head + 1) * n * dh).unwrap_or(&[]);
             linear_transposed_s16s8(p, values, dh, n, scratch.acc);
             for ((out, acc), step) in out.chunks_exact_mut(width).zip(scratch.acc.chunks_exact(dh)).zip(steps) {
-                for (y, a) in out.iter_mut().skip(head * dh).zip(acc) {
-                    *y += *a as f32 * step.scale;
-                }
+                let out = out.get_mut(columns.clone()).unwrap_or(&mut []);
+                wide!({
+                    for (y, a) in out.iter_mut().zip(acc) {
+                        *y += *a as f32 * step.scale;
+                    }
+                });
             }
             first += n;
         }

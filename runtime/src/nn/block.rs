@@ -48,6 +48,8 @@ pub struct Block<'a> {
 /// Sizes that a [`Scratch`] must serve.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sizes {
+    /// Most rows at a time, no more than [`BLOCK`].
+    pub rows: usize,
     /// Widest row.
     pub width: usize,
     /// Widest input of any linear layer.
@@ -68,6 +70,7 @@ impl Sizes {
     pub fn with(self, other: Sizes) -> Sizes {
         let most = |a: usize, b: usize| if a > b { a } else { b };
         Sizes {
+            rows: most(self.rows, other.rows),
             width: most(self.width, other.width),
             inputs: most(self.inputs, other.inputs),
             outputs: most(self.outputs, other.outputs),
@@ -79,7 +82,7 @@ impl Sizes {
 
     const fn acc(&self) -> usize {
         let sums = most(&[self.outputs, self.width, self.hidden, self.keys, self.head]);
-        BLOCK * sums + room(BLOCK, most(&[self.terms(), self.keys, self.head]))
+        self.rows * sums + room(self.rows, most(&[self.terms(), self.keys, self.head]))
     }
 
     /// Longest input of any linear layer.
@@ -88,7 +91,7 @@ impl Sizes {
     }
 
     const fn q(&self) -> usize {
-        BLOCK * self.terms()
+        self.rows * self.terms()
     }
 }
 
@@ -107,15 +110,15 @@ const fn most(mut numbers: &[usize]) -> usize {
 /// One block of rows on its way through the layers.
 #[derive(Debug)]
 pub struct Scratch<'w> {
-    /// `[BLOCK][d]`
+    /// `[rows][d]`
     a: &'w mut [f32],
-    /// `[BLOCK][d]`
+    /// `[rows][d]`
     b: &'w mut [f32],
-    /// `[BLOCK][hidden]`
+    /// `[rows][hidden]`
     hidden: &'w mut [f32],
-    /// `[BLOCK][K]`
+    /// `[rows][K]`
     q: &'w mut [i16],
-    /// `[BLOCK]`
+    /// `[rows]`
     scales: &'w mut [f32],
     attention: attention::Scratch<'w>,
 }
@@ -124,14 +127,14 @@ impl<'w> Scratch<'w> {
     /// Arena bytes of [`Scratch::new`].
     #[must_use]
     pub const fn bytes(sizes: &Sizes) -> usize {
-        2 * bytes_of::<f32>(BLOCK * sizes.width)
-            + bytes_of::<f32>(BLOCK * sizes.hidden)
+        2 * bytes_of::<f32>(sizes.rows * sizes.width)
+            + bytes_of::<f32>(sizes.rows * sizes.hidden)
             + bytes_of::<i16>(sizes.q())
-            + bytes_of::<f32>(BLOCK)
-            + bytes_of::<i16>(BLOCK * sizes.head)
-            + bytes_of::<f32>(BLOCK)
-            + bytes_of::<f32>(BLOCK * sizes.keys)
-            + bytes_of::<i16>(BLOCK * sizes.keys)
+            + bytes_of::<f32>(sizes.rows)
+            + bytes_of::<i16>(sizes.rows * sizes.head)
+            + bytes_of::<f32>(sizes.rows)
+            + bytes_of::<f32>(sizes.rows * sizes.keys)
+            + bytes_of::<i16>(sizes.rows * sizes.keys)
             + bytes_of::<i32>(sizes.acc())
     }
 
@@ -141,22 +144,22 @@ impl<'w> Scratch<'w> {
     /// [`ArenaTooSmall`].
     pub fn new(arena: &mut Arena<'w>, sizes: &Sizes) -> Result<Self, ArenaTooSmall> {
         Ok(Scratch {
-            a: arena.take(BLOCK * sizes.width)?,
-            b: arena.take(BLOCK * sizes.width)?,
-            hidden: arena.take(BLOCK * sizes.hidden)?,
+            a: arena.take(sizes.rows * sizes.width)?,
+            b: arena.take(sizes.rows * sizes.width)?,
+            hidden: arena.take(sizes.rows * sizes.hidden)?,
             q: arena.take(sizes.q())?,
-            scales: arena.take(BLOCK)?,
+            scales: arena.take(sizes.rows)?,
             attention: attention::Scratch {
-                q: arena.take(BLOCK * sizes.head)?,
-                scales: arena.take(BLOCK)?,
-                scores: arena.take(BLOCK * sizes.keys)?,
-                p: arena.take(BLOCK * sizes.keys)?,
+                q: arena.take(sizes.rows * sizes.head)?,
+                scales: arena.take(sizes.rows)?,
+                scores: arena.take(sizes.rows * sizes.keys)?,
+                p: arena.take(sizes.rows * sizes.keys)?,
                 acc: arena.take(sizes.acc())?,
             },
         })
     }
 
-    /// `out [R][N]` of `x [R][K]`, at most [`BLOCK`] rows.
+    /// `out [R][N]` of `x [R][K]`, no more rows than there is room for.
     #[inline(never)]
     pub fn linear(&mut self, layer: &Linear<'_>, x: &[f32], out: &mut [f32]) {
         let rows = quantised(x, layer.inputs(), self.q, self.scales);
@@ -164,7 +167,7 @@ impl<'w> Scratch<'w> {
     }
 }
 
-/// Quantises at most [`BLOCK`] rows.
+/// Quantises rows, at most as many as there is room for.
 #[inline(never)]
 fn quantised<'q>(x: &[f32], width: usize, q: &'q mut [i16], scales: &'q mut [f32]) -> Rows<'q> {
     quantise::rows(x, width, quantise::limit(width), q, scales);
@@ -493,6 +496,7 @@ impl<'a> Stack<'a> {
 pub fn sizes(config: &TransformerConfig, inputs: usize, keys: usize, memory: usize) -> Sizes {
     let width = usize::from(config.width);
     Sizes {
+        rows: BLOCK,
         width,
         inputs: if inputs > width { inputs } else { width },
         outputs: width,

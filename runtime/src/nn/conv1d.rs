@@ -272,7 +272,7 @@ impl<'a> Conv1d<'a> {
     #[inline(never)]
     fn finish(&self, out: &mut [f32]) {
         for out in out.chunks_exact_mut(self.outputs.max(1)) {
-            wide(|| scale_row(out, self.scales, self.biases));
+            wide!(scale_row(out, self.scales, self.biases));
         }
     }
 }
@@ -345,7 +345,7 @@ fn scale_row(y: &mut [f32], scales: &[f32], biases: &[f32]) {
 #[inline(never)]
 fn set_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: usize) {
     let width = width.max(1);
-    wide(|| {
+    wide!({
         for ((out, acc), scale) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(scales) {
             for (y, a) in out.iter_mut().zip(acc) {
                 *y = *a as f32 * *scale;
@@ -358,7 +358,7 @@ fn set_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: usize) {
 #[inline(never)]
 pub(super) fn add_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: usize) {
     let width = width.max(1);
-    wide(|| {
+    wide!({
         for ((out, acc), scale) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(scales) {
             for (y, a) in out.iter_mut().zip(acc) {
                 *y += *a as f32 * *scale;

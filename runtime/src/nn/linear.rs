@@ -7,7 +7,7 @@ use crate::blob::{DType, Error, Tensors};
 use crate::kernels::{linear_s16s4, linear_s16s8, unpacked, wide};
 
 /// Rows that go through a transformer's layers together.
-pub const BLOCK: usize = 4;
+pub const BLOCK: usize = 8;
 
 /// Weights, a row an output.
 #[derive(Debug, Clone, Copy)]
@@ -137,7 +137,7 @@ impl<'a> Linear<'a> {
             linear_s16s8(x.q, bytemuck::cast_slice(self.weights), self.inputs, outputs, acc);
         }
         for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
-            wide(|| finish(out, acc, *sx, self.scales, self.biases));
+            wide!(finish(out, acc, *sx, self.scales, self.biases));
         }
     }
 }

@@ -11,7 +11,7 @@ pub const fn words(bits: usize) -> usize {
 /// `x <- relu(x)`; bit k of `mask` says whether `x[k]` was positive.
 #[inline(never)]
 pub fn relu(x: &mut [f32], mask: &mut [u32]) {
-    wide(|| relu_words(x, mask));
+    wide!(relu_words(x, mask));
 }
 
 #[inline(always)]
@@ -41,7 +41,7 @@ pub fn relu_rows(x: &mut [f32], masks: &mut [u32], width: usize) {
 /// `g <- g` where the ReLU let through, 0 elsewhere.
 #[inline(never)]
 pub fn gate(g: &mut [f32], mask: &[u32]) {
-    wide(|| gate_words(g, mask));
+    wide!(gate_words(g, mask));
 }
 
 #[inline(always)]

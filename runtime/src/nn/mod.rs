@@ -17,6 +17,7 @@ pub mod output;
 pub mod quantise;
 pub mod residual;
 pub mod softmax;
+mod sums;
 
 /// The caller asked to stop at a layer boundary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,9 @@
 //! Layer normalisation: `y = (x - mean) / sqrt(var + eps) * weight + bias`, biased variance, sums in channel order.
 
 use super::conv1d::larger;
+use super::sums::{ROWS, sums};
 use crate::blob::{Error, Tensors};
+use crate::kernels::wide;
 
 /// Rows beyond this magnitude are not normalised: the sum of squares of a row must stay finite.
 pub const MAX_INPUT: f32 = 1e16;
@@ -45,27 +47,28 @@ impl<'a> LayerNorm<'a> {
     /// The same in place.
     #[inline(never)]
     pub fn forward_in_place(&self, x: &mut [f32]) {
-        for x in x.chunks_exact_mut(self.weight.len().max(1)) {
-            let (mean, factor) = moments(x, self.epsilon);
-            for (x, (weight, bias)) in x.iter_mut().zip(self.weight.iter().zip(self.bias)) {
-                *x = (*x - mean) * factor * *weight + *bias;
+        let width = self.weight.len().max(1);
+        for x in x.chunks_mut(ROWS * width) {
+            let moments = moments(x, width, self.epsilon);
+            for (x, (mean, factor)) in x.chunks_exact_mut(width).zip(moments) {
+                wide!({
+                    for (x, (weight, bias)) in x.iter_mut().zip(self.weight.iter().zip(self.bias)) {
+                        *x = (*x - mean) * factor * *weight + *bias;
+                    }
+                });
             }
         }
     }
 }
 
-/// Mean of a row, and `1 / sqrt(var + eps)`.
-fn moments(x: &[f32], epsilon: f32) -> (f32, f32) {
-    let count = x.len() as f32;
-    let mut sum = 0.0;
-    for x in x {
-        sum += *x;
+/// Mean of each of at most four rows, and `1 / sqrt(var + eps)`.
+fn moments(x: &[f32], width: usize, epsilon: f32) -> [(f32, f32); ROWS] {
+    let count = width as f32;
+    let means = sums(x, width, [0.0; ROWS], |x, _| x).map(|sum| sum / count);
+    let squares = sums(x, width, means, |x, mean| (x - mean) * (x - mean));
+    let mut moments = [(0.0, 0.0); ROWS];
+    for ((to, mean), squares) in moments.iter_mut().zip(means).zip(squares) {
+        *to = (mean, 1.0 / libm::sqrtf(squares / count + epsilon));
     }
-    let mean = sum / count;
-    let mut squares = 0.0;
-    for x in x {
-        let d = *x - mean;
-        squares += d * d;
-    }
-    (mean, 1.0 / libm::sqrtf(squares / count + epsilon))
+    moments
 }

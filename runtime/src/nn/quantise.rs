@@ -46,7 +46,7 @@ fn largest(x: &[f32]) -> Option<f32> {
 /// Quantises one row: `x[k] ~ q[k] * scale`, `|q[k]| <= limit`. Returns the scale.
 #[inline(never)]
 pub fn row(x: &[f32], q: &mut [i16], limit: i16) -> f32 {
-    wide(|| {
+    wide!({
         let Step { factor, scale } = step_of(x, limit);
         scaled(x, factor, q);
         scale
@@ -65,13 +65,13 @@ pub struct Step {
 /// The step of a row, to quantise it part by part with [`part`].
 #[inline(never)]
 pub fn step(x: &[f32], limit: i16) -> Step {
-    wide(|| step_of(x, limit))
+    wide!(step_of(x, limit))
 }
 
 /// Quantises a part of a row.
 #[inline(never)]
 pub fn part(x: &[f32], step: Step, q: &mut [i16]) {
-    wide(|| scaled(x, step.factor, q));
+    wide!(scaled(x, step.factor, q));
 }
 
 #[inline(always)]
@@ -95,15 +95,17 @@ fn scaled(x: &[f32], factor: f32, q: &mut [i16]) {
 /// The same to int8, `|q[k]| <= 127`: keys and values of attention.
 #[inline(never)]
 pub fn row_narrow(x: &[f32], q: &mut [i8]) -> f32 {
-    let Some(largest) = largest(x) else {
-        q.fill(0);
-        return 0.0;
-    };
-    let factor = NARROW / largest;
-    for (q, v) in q.iter_mut().zip(x) {
-        *q = round(*v * factor) as i8;
-    }
-    largest / NARROW
+    wide!({
+        let Some(largest) = largest(x) else {
+            q.fill(0);
+            return 0.0;
+        };
+        let factor = NARROW / largest;
+        for (q, v) in q.iter_mut().zip(x) {
+            *q = round(*v * factor) as i8;
+        }
+        largest / NARROW
+    })
 }
 
 /// Quantises `rows x [R][width]` into `q` and `scales`.

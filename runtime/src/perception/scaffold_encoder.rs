@@ -36,7 +36,14 @@ pub fn sizes(config: &ControlConfig, timing: Timing, tokens: usize) -> Sizes {
 /// Numbers of `work` in [`ScaffoldEncoder::encode`].
 #[must_use]
 pub const fn work(config: &ControlConfig, timing: Timing) -> usize {
-    Scaffold::NUMBERS + BLOCK * WIDTH + timing.frames as usize * config.frame_width as usize
+    Scaffold::NUMBERS
+        + frames_together(timing.frames as usize) * WIDTH
+        + timing.frames as usize * config.frame_width as usize
+}
+
+/// Frames of a token that are read together.
+const fn frames_together(frames: usize) -> usize {
+    if frames < BLOCK { frames } else { BLOCK }
 }
 
 /// Multiply-accumulates of a scaffold of so many tokens.
@@ -103,13 +110,14 @@ impl<'a> ScaffoldEncoder<'a> {
     #[inline(never)]
     fn read(&self, anchors: &AnchorSet, x: &mut [f32], work: &mut [f32], scratch: &mut Scratch<'_>) {
         let (bends, work) = work.split_at_mut_checked(Scaffold::NUMBERS).unwrap_or_default();
-        let (features, work) = work.split_at_mut_checked(BLOCK * WIDTH).unwrap_or_default();
+        let width = self.frame.outputs().max(1);
+        let together = frames_together(self.merge.inputs() / width).max(1);
+        let (features, work) = work.split_at_mut_checked(together * WIDTH).unwrap_or_default();
         let merged = work.get_mut(..self.merge.inputs()).unwrap_or_default();
         let scaffold = Scaffold::new(anchors, self.families, self.statistics, self.rate, bends);
-        let width = self.frame.outputs().max(1);
         let mut frame = 0;
         for row in x.chunks_exact_mut(self.merge.outputs().max(1)) {
-            for rows in merged.chunks_mut((BLOCK * width).max(1)) {
+            for rows in merged.chunks_mut(together * width) {
                 let features = features.get_mut(..rows.len() / width * WIDTH).unwrap_or_default();
                 for c in features.chunks_exact_mut(WIDTH) {
                     scaffold.features(frame, c);

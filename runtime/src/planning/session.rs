@@ -12,13 +12,15 @@ use crate::decoding::codebook::Codebooks;
 use crate::hash::Stream;
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes};
-use crate::nn::linear::BLOCK;
 use crate::nn::{Check, Interrupted};
 use crate::perception::Text;
 use crate::perception::anchors::AnchorSet;
 use crate::perception::bank;
 use crate::perception::prompt::{Heard, Prompt, PromptError};
 use crate::perception::text::NONE;
+
+/// Positions whose tokens are drawn together: a code's logits for many take more memory than a pass.
+const DRAWN: usize = 4;
 
 /// The largest plan that is to be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -143,7 +145,7 @@ impl<'s> Pass<'s> {
 #[derive(Debug)]
 struct Draw<'s> {
     scratch: Scratch<'s>,
-    /// `[BLOCK][V]`
+    /// `[DRAWN][V]`
     logits: &'s mut [f32],
     /// `[V]`
     weights: &'s mut [f32],
@@ -154,7 +156,7 @@ struct Draw<'s> {
 impl<'s> Draw<'s> {
     fn bytes(l: &Lengths) -> usize {
         Scratch::bytes(&l.logits)
-            + bytes_of::<f32>(BLOCK * l.codes)
+            + bytes_of::<f32>(DRAWN * l.codes)
             + bytes_of::<f32>(l.codes)
             + bytes_of::<f32>(l.units)
     }
@@ -162,16 +164,16 @@ impl<'s> Draw<'s> {
     fn new(arena: &mut Arena<'s>, l: &Lengths) -> Result<Self, ArenaTooSmall> {
         Ok(Draw {
             scratch: Scratch::new(arena, &l.logits)?,
-            logits: arena.take(BLOCK * l.codes)?,
+            logits: arena.take(DRAWN * l.codes)?,
             weights: arena.take(l.codes)?,
             units: arena.take(l.units)?,
         })
     }
 
-    /// Computes the logits `[..][V]` of up to [`BLOCK`] positions, of the rows of a pass from theirs on.
+    /// Computes the logits `[..][V]` of up to [`DRAWN`] positions, of the rows of a pass from theirs on.
     fn block(&mut self, planner: &Planner<'_>, rows: &[f32]) {
         let (width, codes) = (planner.width().max(1), planner.codes());
-        let count = (rows.len() / width).min(BLOCK);
+        let count = (rows.len() / width).min(DRAWN);
         if let (Some(rows), Some(logits)) = (rows.get(..count * width), self.logits.get_mut(..count * codes)) {
             planner.logits(rows, logits, &mut self.scratch);
         }
@@ -229,7 +231,7 @@ impl<'m, 'b> Modules<'m, 'b> {
             codes: self.planner.codes(),
             units: Metric::len(self.codebooks),
             sizes,
-            logits: self.planner.logits_sizes(),
+            logits: self.planner.logits_sizes(DRAWN),
         }
     }
 
@@ -487,7 +489,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let sampling: Sampling = planning.sampling;
         let rows = self.x.get(width..(1 + tokens.len()) * width).unwrap_or(&[]);
         let mut positions = tokens.iter_mut().zip(self.proposal.iter_mut()).enumerate();
-        for rows in rows.chunks(BLOCK * width) {
+        for rows in rows.chunks(DRAWN * width) {
             draw.block(planner, rows);
             let logits = draw.logits.chunks_exact_mut(codes).take(rows.len() / width);
             for (logits, (i, (token, proposal))) in logits.zip(positions.by_ref()) {

@@ -55,6 +55,25 @@ pub struct Metric<'w> {
     width: usize,
 }
 
+/// Makes the codes `[du][LANES]` vectors of length 1.
+#[inline(always)]
+fn normalise(codes: &mut [[f32; LANES]]) {
+    let mut factors = [0.0; LANES];
+    for values in codes.iter() {
+        for (squares, v) in factors.iter_mut().zip(values) {
+            *squares += *v * *v;
+        }
+    }
+    for factor in &mut factors {
+        *factor = if *factor > 0.0 { 1.0 / libm::sqrtf(*factor) } else { 0.0 };
+    }
+    for values in codes {
+        for (v, factor) in values.iter_mut().zip(factors) {
+            *v *= factor;
+        }
+    }
+}
+
 impl<'w> Metric<'w> {
     /// Numbers that [`Metric::new`] needs.
     #[must_use]
@@ -67,17 +86,15 @@ impl<'w> Metric<'w> {
     pub fn new(codebooks: &Codebooks<'_>, units: &'w mut [f32]) -> Self {
         let width = codebooks.width().max(1);
         let (units, _) = units.as_chunks_mut();
-        for code in 0..codebooks.codes() {
-            let mut squares = 0.0;
-            for v in codebooks.values(code) {
-                squares += v * v;
-            }
-            let factor = if squares > 0.0 { 1.0 / libm::sqrtf(squares) } else { 0.0 };
-            for (unit, v) in units.iter_mut().skip(code / LANES * width).zip(codebooks.values(code)) {
-                if let Some(unit) = unit.get_mut(code % LANES) {
-                    *unit = v * factor;
+        for (group, units) in units.chunks_exact_mut(width).enumerate() {
+            for lane in 0..LANES {
+                for (unit, v) in units.iter_mut().zip(codebooks.values(group * LANES + lane)) {
+                    if let Some(unit) = unit.get_mut(lane) {
+                        *unit = v;
+                    }
                 }
             }
+            wide!(normalise(units));
         }
         Metric { units, width }
     }
@@ -88,7 +105,7 @@ impl<'w> Metric<'w> {
         let (x, width) = (usize::from(x), self.width.max(1));
         #[cfg(feature = "count")]
         crate::kernels::count::add(LANES * self.units.len());
-        wide(|| {
+        wide!({
             for (units, out) in self.units.chunks_exact(width).zip(out.chunks_mut(LANES)) {
                 let mut cosines = [0.0f32; LANES];
                 let of = self.units.iter().skip(x / LANES * width);

@@ -138,10 +138,10 @@ impl<'a> Planner<'a> {
         self.stack.sizes(1 + tokens, anchors, memory)
     }
 
-    /// The same for [`Planner::logits`].
+    /// The same for [`Planner::logits`] of up to `rows` rows.
     #[must_use]
-    pub fn logits_sizes(&self) -> Sizes {
-        Sizes { inputs: self.width(), outputs: self.codes(), ..Sizes::default() }
+    pub fn logits_sizes(&self, rows: usize) -> Sizes {
+        Sizes { rows, inputs: self.width(), outputs: self.codes(), ..Sizes::default() }
     }
 
     /// Multiply-accumulates of one pass over `tokens` tokens, logits of all positions left out.

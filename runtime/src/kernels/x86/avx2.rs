@@ -9,10 +9,10 @@ const STEP: usize = 16;
 /// Outputs of a tile: with four rows eight sums, half the registers.
 const OUTPUTS: usize = 2;
 
-/// See [`super::wide`].
+/// See [`super::widened`].
 #[inline]
 #[target_feature(enable = "avx2")]
-pub fn wide<R>(body: impl FnOnce() -> R) -> R {
+pub fn widened<R>(body: impl FnOnce() -> R) -> R {
     body()
 }
 

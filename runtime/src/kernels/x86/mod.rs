@@ -31,11 +31,11 @@ pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usiz
 /// Runs an elementwise loop, compiled for the widest registers of the machine. The compiler neither reorders nor joins
 /// floating-point operations, so the bits do not depend on the width.
 #[inline(always)]
-pub fn wide<R>(body: impl FnOnce() -> R) -> R {
+pub fn widened<R>(body: impl FnOnce() -> R) -> R {
     match Isa::best() {
         Isa::Portable => body(),
         // SAFETY: `best` returns only what processor and system support, and AVX-512 includes AVX2.
-        Isa::Avx2 | Isa::Avx512 => unsafe { avx2::wide(body) },
+        Isa::Avx2 | Isa::Avx512 => unsafe { avx2::widened(body) },
     }
 }
 
