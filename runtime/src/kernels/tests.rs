@@ -42,8 +42,20 @@ fn variants_agree_with_the_portable_kernels() {
 #[test]
 fn variants_agree_on_long_sums() {
     let mut stream = crate::hash::Stream::new(5);
-    for (rows, terms) in [(8, 98), (9, 126), (12, 130), (23, 190), (24, 192), (8, 254), (11, 256), (13, 258), (24, 512)]
-    {
+    for (rows, terms) in [
+        (4, 34),
+        (5, 66),
+        (7, 98),
+        (8, 98),
+        (9, 126),
+        (12, 130),
+        (23, 190),
+        (24, 192),
+        (8, 254),
+        (11, 256),
+        (13, 258),
+        (24, 512),
+    ] {
         for sums in [1, 15, 16, 49, 96] {
             let x: Vec<i16> = (0..rows * terms).map(|_| stream.below(1 << 16) as i16).collect();
             let w: Vec<i8> = (0..sums * terms).map(|_| stream.below(1 << 8) as i8).collect();

@@ -8,8 +8,8 @@ use core::arch::asm;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 
-/// Rows from which a panel pays.
-const ROWS: usize = 8;
+/// Rows from which a panel pays: those of the smallest tile.
+const ROWS: usize = 4;
 /// Sums of a vector.
 const LANES: usize = 16;
 /// Vectors of a panel's row.
@@ -38,9 +38,7 @@ pub fn forward(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i3
         for column in 0..sums.div_ceil(LANES) {
             let begin = first + column * LANES;
             let rows = w.get(begin * inputs..(begin + LANES).min(outputs) * inputs).unwrap_or(&[]);
-            for at in (0..inputs).step_by(4 * LANES) {
-                panel.put_turned(rows, inputs, at, column);
-            }
+            panel.put_turned(rows, inputs, column);
         }
         panel.multiply(x, inputs, first, sums, acc, outputs);
     }
@@ -115,28 +113,22 @@ impl Panel {
         Panel { pairs: [const { [const { MaybeUninit::uninit() }; COLUMNS] }; PAIRS] }
     }
 
-    /// Packs the pairs from input `at` on, a multiple of 64: 32 of them or what there are, of up to 16 rows of weights.
+    /// Packs up to 16 rows of weights, turned over.
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512vl")]
-    fn put_turned(&mut self, w: &[i8], inputs: usize, at: usize, column: usize) {
-        let (bytes, Some(last)) = ((inputs - at).min(4 * LANES), (w.len() / inputs).checked_sub(1)) else { return };
-        let Some([low, high, ..]) = self.pairs.get_mut(at / 2..).map(|pairs| pairs.as_chunks_mut().0) else { return };
-        let there = u64::MAX >> (4 * LANES - bytes);
-        // Each four bytes in the order 2, 0, 3, 1: the high ones are a pair, and the low ones the next.
-        let order = _mm512_set4_epi32(0x0D_0F_0C_0E, 0x09_0B_08_0A, 0x05_07_04_06, 0x01_03_00_02);
-        let load = |r: usize| {
-            // Where there is no row another takes its place: nobody asks for its sums.
-            let row = w.as_ptr().wrapping_add(r.min(last) * inputs + at);
-            // SAFETY: the row's bytes from `at` on are there, and no others are read.
-            _mm512_shuffle_epi8(unsafe { _mm512_maskz_loadu_epi8(there, row) }, order)
-        };
-        let [a, b, c, d] = turned_lanes([load(0), load(1), load(2), load(3)]);
-        let [e, f, g, h] = turned_lanes([load(4), load(5), load(6), load(7)]);
-        let [i, j, k, l] = turned_lanes([load(8), load(9), load(10), load(11)]);
-        let [m, n, o, p] = turned_lanes([load(12), load(13), load(14), load(15)]);
-        put_half(low, column, joined_lanes::<0x44>([[a, e, i, m], [b, f, j, n], [c, g, k, o], [d, h, l, p]]));
-        if bytes > 2 * LANES {
-            put_half(high, column, joined_lanes::<0xEE>([[a, e, i, m], [b, f, j, n], [c, g, k, o], [d, h, l, p]]));
+    fn put_turned(&mut self, w: &[i8], inputs: usize, column: usize) {
+        let whole = if w.len() < LANES * inputs { 0 } else { inputs / LANES };
+        let (pairs, _) = self.pairs.as_chunks_mut();
+        for (square, pairs) in pairs.iter_mut().take(inputs.div_ceil(LANES)).enumerate() {
+            let at = square * LANES;
+            if square < whole {
+                // SAFETY: there are 16 rows, and 16 bytes of each from here on.
+                unsafe { put_square(pairs, column, w.as_ptr().wrapping_add(at), inputs) };
+            } else {
+                let padded = padded(w, inputs, at);
+                // SAFETY: as above.
+                unsafe { put_square(pairs, column, padded.as_ptr(), LANES) };
+            }
         }
     }
 
@@ -149,7 +141,7 @@ impl Panel {
         let mut at = 0;
         while at < rows {
             // Where fewer rows are left than a tile has, it takes some again.
-            let tall = rows - at > 4;
+            let tall = rows >= 8 && rows - at > 4;
             let from = at.min(rows - if tall { 8 } else { 4 });
             let (Some(x), Some(acc)) = (x.get(from * terms..), acc.get_mut(from * width + first..)) else { return };
             let tile = Tile {
@@ -177,35 +169,43 @@ impl Panel {
     }
 }
 
-/// Turns each quarter of four vectors over: its square of 4 x 4 numbers of 32 bits.
+/// The weights from `at` on, of 16 rows 16; zeros where there are none.
+#[inline(never)]
+fn padded(w: &[i8], inputs: usize, at: usize) -> [i8; LANES * LANES] {
+    let mut square = [0; LANES * LANES];
+    for (to, row) in square.chunks_exact_mut(LANES).zip(w.chunks_exact(inputs)) {
+        for (to, from) in to.iter_mut().zip(row.iter().skip(at)) {
+            *to = *from;
+        }
+    }
+    square
+}
+
+/// Turns 16 rows of 16 weights over, `stride` bytes apart: eight pairs of them all.
+///
+/// # Safety
+/// The rows are there.
 #[inline]
-#[target_feature(enable = "avx512f")]
-fn turned_lanes([a, b, c, d]: [__m512i; 4]) -> [__m512i; 4] {
+#[target_feature(enable = "avx512f,avx512bw")]
+unsafe fn put_square(to: &mut [Pair; LANES / 2], column: usize, rows: *const i8, stride: usize) {
+    // SAFETY: 16 bytes of a row.
+    let row = |r: usize| unsafe { _mm_loadu_si128(rows.wrapping_add(r * stride).cast()) };
+    // Each four bytes in the order 2, 0, 3, 1: the high ones are a pair, and the low ones the next.
+    let order = _mm512_set4_epi32(0x0D_0F_0C_0E, 0x09_0B_08_0A, 0x05_07_04_06, 0x01_03_00_02);
+    let fourth = |first: usize| {
+        let rows = _mm512_inserti32x4::<1>(_mm512_castsi128_si512(row(first)), row(first + 4));
+        let rows = _mm512_inserti32x4::<2>(rows, row(first + 8));
+        _mm512_shuffle_epi8(_mm512_inserti32x4::<3>(rows, row(first + 12)), order)
+    };
+    let (a, b, c, d) = (fourth(0), fourth(1), fourth(2), fourth(3));
     let (low_ab, high_ab) = (_mm512_unpacklo_epi32(a, b), _mm512_unpackhi_epi32(a, b));
     let (low_cd, high_cd) = (_mm512_unpacklo_epi32(c, d), _mm512_unpackhi_epi32(c, d));
-    [
+    let fours = [
         _mm512_unpacklo_epi64(low_ab, low_cd),
         _mm512_unpackhi_epi64(low_ab, low_cd),
         _mm512_unpacklo_epi64(high_ab, high_cd),
         _mm512_unpackhi_epi64(high_ab, high_cd),
-    ]
-}
-
-/// Of each four vectors two quarters, joined: by `0x44` the first and the second ones, by `0xEE` the third and the fourth ones.
-#[inline]
-#[target_feature(enable = "avx512f")]
-fn joined_lanes<const QUARTERS: i32>(fours: [[__m512i; 4]; 4]) -> [__m512i; 8] {
-    let [(a, e), (b, f), (c, g), (d, h)] = fours.map(|[a, b, c, d]| {
-        let (ab, cd) = (_mm512_shuffle_i32x4::<QUARTERS>(a, b), _mm512_shuffle_i32x4::<QUARTERS>(c, d));
-        (_mm512_shuffle_i32x4::<0x88>(ab, cd), _mm512_shuffle_i32x4::<0xDD>(ab, cd))
-    });
-    [a, b, c, d, e, f, g, h]
-}
-
-/// Puts two pairs of each vector.
-#[inline]
-#[target_feature(enable = "avx512f,avx512bw")]
-fn put_half(to: &mut [Pair; LANES], column: usize, fours: [__m512i; 8]) {
+    ];
     for ([first, second], fours) in to.as_chunks_mut().0.iter_mut().zip(fours) {
         put(first, column, _mm512_srai_epi16::<8>(fours));
         put(second, column, _mm512_srai_epi16::<8>(_mm512_slli_epi16::<8>(fours)));
