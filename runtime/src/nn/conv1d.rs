@@ -195,9 +195,11 @@ impl<'a> Conv1d<'a> {
         let limit = quantise::limit(self.outputs);
         let row = row.get_mut(..width).unwrap_or(&mut []);
         for ((g, q), scale) in g.chunks_exact(width).zip(q.chunks_exact_mut(width)).zip(scales) {
-            for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
-                *row = *g * *s;
-            }
+            wide!({
+                for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
+                    *row = *g * *s;
+                }
+            });
             *scale = quantise::row(row, q, limit);
         }
     }
@@ -238,9 +240,11 @@ impl<'a> Conv1d<'a> {
                     for copy in 0..2 {
                         let Some(t) = (2 * (first + r) + copy + 1 + self.middle()).checked_sub(tap) else { continue };
                         let g = g.get(t * width..(t + 1) * width).unwrap_or(&[]);
-                        for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
-                            *row += *g * *s;
-                        }
+                        wide!({
+                            for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
+                                *row += *g * *s;
+                            }
+                        });
                     }
                     let q = block.q.get_mut(r * width..(r + 1) * width).unwrap_or(&mut []);
                     if let Some(scale) = block.scales.get_mut(r) {

@@ -16,17 +16,27 @@ pub fn relu(x: &mut [f32], mask: &mut [u32]) {
 
 #[inline(always)]
 fn relu_words(x: &mut [f32], mask: &mut [u32]) {
-    for (x, mask) in x.chunks_mut(32).zip(mask) {
-        let mut bits = 0u32;
-        for (k, v) in x.iter_mut().enumerate() {
-            if *v > 0.0 {
-                bits |= 1 << k;
-            } else {
-                *v = 0.0;
-            }
-        }
-        *mask = bits;
+    // Whole words apart: the compiler has them side by side where it knows how long they are.
+    let (words, rest) = x.as_chunks_mut::<32>();
+    for (x, mask) in words.iter_mut().zip(mask.iter_mut()) {
+        *mask = relu_word(x);
     }
+    if let Some(mask) = mask.get_mut(words.len()) {
+        *mask = relu_word(rest);
+    }
+}
+
+#[inline(always)]
+fn relu_word(x: &mut [f32]) -> u32 {
+    let mut bits = 0u32;
+    for (k, v) in x.iter_mut().enumerate() {
+        if *v > 0.0 {
+            bits |= 1 << k;
+        } else {
+            *v = 0.0;
+        }
+    }
+    bits
 }
 
 /// The same for rows `[R][width]`, with a row of `masks` each.
@@ -46,12 +56,21 @@ pub fn gate(g: &mut [f32], mask: &[u32]) {
 
 #[inline(always)]
 fn gate_words(g: &mut [f32], mask: &[u32]) {
-    for (g, mask) in g.chunks_mut(32).zip(mask) {
-        for (k, v) in g.iter_mut().enumerate() {
-            if (*mask >> k) & 1 == 0 {
-                *v = 0.0;
-            }
-        }
+    let (words, rest) = g.as_chunks_mut::<32>();
+    for (g, mask) in words.iter_mut().zip(mask) {
+        gate_word(g, *mask);
+    }
+    if let Some(mask) = mask.get(words.len()) {
+        gate_word(rest, *mask);
+    }
+}
+
+#[inline(always)]
+fn gate_word(g: &mut [f32], mask: u32) {
+    for (k, v) in g.iter_mut().enumerate() {
+        // All ones where the bit is set.
+        let kept = (mask >> k & 1).wrapping_neg();
+        *v = f32::from_bits(v.to_bits() & kept);
     }
 }
 

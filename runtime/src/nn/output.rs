@@ -6,7 +6,7 @@
 use super::conv1d::{BLOCK, Rows, Shape, Span, add_scaled, larger, planes_follow, row_bound, weight_norm};
 use super::quantise;
 use crate::blob::{Error, Tensors};
-use crate::kernels::{linear_s16s8, linear_transposed_s16s8};
+use crate::kernels::{linear_s16s8, linear_transposed_s16s8, wide};
 use heapless::Vec;
 
 /// Rows of gradients that [`BLOCK`] rows of the input's gradient depend on.
@@ -236,10 +236,14 @@ impl<'a> Output<'a> {
             let mut rest = out;
             for range in channels.ranges() {
                 let Some((part, others)) = core::mem::take(&mut rest).split_at_mut_checked(range.count) else { break };
-                let constants = self.scales.iter().zip(self.biases).skip(range.first);
-                for (y, (scale, bias)) in part.iter_mut().zip(constants) {
-                    *y = *y * *scale + *bias;
-                }
+                let constants = range.first..range.first + range.count;
+                let scales = self.scales.get(constants.clone()).unwrap_or(&[]);
+                let biases = self.biases.get(constants).unwrap_or(&[]);
+                wide!({
+                    for ((y, scale), bias) in part.iter_mut().zip(scales).zip(biases) {
+                        *y = *y * *scale + *bias;
+                    }
+                });
                 rest = others;
             }
         }
@@ -261,9 +265,7 @@ impl<'a> Output<'a> {
         linear_s16s8(q, self.rows(self.low, self.wide, tap, wide), self.inputs, wide.count, scratch.acc_low);
         let acc = scratch.acc.chunks_exact(wide.count.max(1)).zip(scratch.acc_low.chunks_exact(wide.count.max(1)));
         for ((out, (high, low)), scale) in columns.rows(wide.count).zip(acc).zip(scales) {
-            for ((y, high), low) in out.iter_mut().zip(high).zip(low) {
-                *y += (*high as f32 * 256.0 + *low as f32) * *scale;
-            }
+            add_planes(out, high, low, *scale);
         }
     }
 
@@ -309,13 +311,16 @@ impl<'a> Output<'a> {
         scratch: &mut Scratch<'_>,
     ) -> (f32, f32) {
         let row = scratch.row.get_mut(..g.len()).unwrap_or(&mut []);
-        let mut rest = row.iter_mut().zip(g);
-        let mut wide_count = 0;
+        let (mut wide_count, mut column) = (0, 0);
         for range in channels.ranges() {
-            let part = rest.by_ref().take(range.count);
-            for ((row, g), s) in part.zip(self.scales.iter().skip(range.first)) {
-                *row = *g * *s;
-            }
+            let scales = self.scales.get(range.first..range.first + range.count).unwrap_or(&[]);
+            let row = row.get_mut(column..).unwrap_or(&mut []);
+            wide!({
+                for ((row, g), s) in row.iter_mut().zip(g.get(column..).unwrap_or(&[])).zip(scales) {
+                    *row = *g * *s;
+                }
+            });
+            column += range.count;
             wide_count += self.split(range).0.count;
         }
         let Some((wide_row, narrow_row)) = row.split_at_checked(wide_count) else { return (0.0, 0.0) };
@@ -360,9 +365,7 @@ impl<'a> Output<'a> {
                 linear_transposed_s16s8(q, low, self.inputs, wide.count, scratch.acc_low);
                 let sums = scratch.acc.chunks_exact(width).zip(scratch.acc_low.chunks_exact(width));
                 for ((dx, (high, low)), scale) in dx.chunks_exact_mut(width).zip(sums).zip(wide_scales) {
-                    for ((dx, high), low) in dx.iter_mut().zip(high).zip(low) {
-                        *dx += (*high as f32 * 256.0 + *low as f32) * *scale;
-                    }
+                    add_planes(dx, high, low, *scale);
                 }
             }
             column += wide.count;
@@ -390,6 +393,16 @@ impl<'a> Output<'a> {
         let first = (tap * rows + range.first) * self.inputs;
         plane.get(first..first + range.count * self.inputs).unwrap_or(&[])
     }
+}
+
+/// `out[n] += (256 high[n] + low[n]) * scale`.
+#[inline(never)]
+fn add_planes(out: &mut [f32], high: &[i32], low: &[i32], scale: f32) {
+    wide!({
+        for ((y, high), low) in out.iter_mut().zip(high).zip(low) {
+            *y += (*high as f32 * 256.0 + *low as f32) * scale;
+        }
+    });
 }
 
 /// Some columns of rows that are `width` wide.

@@ -2,6 +2,7 @@
 
 use super::conv1d::{BLOCK, Conv1d, Rows};
 use super::{mask, quantise};
+use crate::kernels::wide;
 
 /// A dilated k3 convolution and a k1 convolution around a skip connection.
 #[derive(Debug, Clone, Copy)]
@@ -73,9 +74,7 @@ impl Residual<'_> {
                 scales: scratch.scales.get(..count).unwrap_or(&[]),
             };
             self.conv2.forward(rows, 0, hidden, scratch.acc);
-            for (x, h) in x.iter_mut().zip(hidden.iter()) {
-                *x += *h;
-            }
+            add(x, hidden);
         }
     }
 
@@ -118,9 +117,16 @@ impl Residual<'_> {
             let dx = scratch.rows.get_mut(..g.len()).unwrap_or(&mut []);
             self.conv1.backward(hidden, first + block * BLOCK, dx, scratch.acc);
             mask::gate_rows(dx, masks, width);
-            for (g, dx) in g.iter_mut().zip(dx.iter()) {
-                *g += *dx;
-            }
+            add(g, dx);
         }
     }
+}
+
+/// `x += y`.
+fn add(x: &mut [f32], y: &[f32]) {
+    wide!({
+        for (x, y) in x.iter_mut().zip(y) {
+            *x += *y;
+        }
+    });
 }
