@@ -189,7 +189,7 @@ pub fn plan(
                 share("text, keys and values", plan.planning.text),
                 share("anchors, keys and values", plan.planning.anchors),
                 share("rows and proposals", plan.planning.rows),
-                share("a pass, then drawing tokens", plan.planning.pass.max(plan.planning.draw)),
+                share("a pass, then drawing tokens", plan.planning.working()),
             ],
             macs: plan.planning_macs,
         }),

@@ -3,9 +3,10 @@
 use crate::JOINTS;
 use crate::arena::bytes_of;
 use crate::decoding::stream::CHUNK;
-use crate::generator::rotations;
 use crate::model::Model;
 use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
+use crate::motion::rotations;
+use crate::nn::output::Output;
 use crate::planning;
 use crate::refining::{self, Config};
 
@@ -78,6 +79,11 @@ pub(crate) const fn feature_columns(anchors: usize) -> usize {
     if solver > POSITION_CHANNELS { solver } else { POSITION_CHANNELS }
 }
 
+/// Numbers of a frame that rotations are computed from: none if the model's last layer has no such channels.
+pub(crate) fn rotation_columns(output: &Output<'_>) -> usize {
+    if output.outputs() < rotations::FIRST + rotations::CHANNELS { 0 } else { output.inputs() }
+}
+
 impl Plan {
     /// The plan for requests inside `limits`.
     #[must_use]
@@ -87,7 +93,7 @@ impl Plan {
         let frames = tokens * decoder.upsampling();
         let gate_bytes = decoder.gate_bytes(tokens);
         let decoder_bytes = decoder.workspace_bytes(tokens, POSITION_CHANNELS) - gate_bytes;
-        let columns = rotations::columns(decoder.output());
+        let columns = rotation_columns(decoder.output());
         let rotation_bytes = bytes_of::<i16>(frames * columns) + bytes_of::<f32>(if columns > 0 { frames } else { 0 });
         let feature_bytes = bytes_of::<f32>(frames * feature_columns(limits.anchors));
         let path_bytes = 7 * bytes_of::<f32>(frames);

@@ -4,7 +4,8 @@
 //! x2, conv k3 }, conv k3, ReLU, conv k3 to the features. A motion passes through it [`CHUNK`] tokens at a time; of what lies between
 //! the layers one bit a value is kept for the gradient where there is a ReLU.
 
-use super::chain::{Gates, Last, Way};
+use super::layer::Way;
+use super::step::{Gates, Last};
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
 use crate::nn::conv1d::{Conv1d, Rows, Shape};
@@ -192,7 +193,8 @@ impl<'a> Decoder<'a> {
         })
     }
 
-    /// Decodes `u [L][du]` to normalised features `out [T][C]` of `channels`.
+    /// Decodes `u [L][du]` to normalised features `out [T][C]` of `channels`. With a workspace that was taken for
+    /// fewer of them or fewer tokens `out` is undefined.
     ///
     /// # Errors
     /// [`Interrupted`] when `check` says so; `out` is then undefined.
@@ -225,7 +227,8 @@ impl<'a> Decoder<'a> {
         Ok(())
     }
 
-    /// Carries `g = dJ/d(features) [T][C]` of the last [`Decoder::forward`] back to `du = dJ/du [L][du]`.
+    /// Carries `g = dJ/d(features) [T][C]` of the last [`Decoder::forward`] back to `du = dJ/du [L][du]`, with the workspace of that
+    /// pass.
     ///
     /// # Errors
     /// [`Interrupted`] when `check` says so; `du` is then undefined.

@@ -4,4 +4,6 @@
 mod chain;
 pub mod codebook;
 pub mod decoder;
+mod layer;
+mod step;
 pub mod stream;

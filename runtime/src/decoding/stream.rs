@@ -1,8 +1,10 @@
 //! Decoding a motion in segments, with the bits of [`Decoder::forward`] over the whole of it. The output lags by
 //! [`Decoder::radius_frames`].
 
-use super::chain::{Chain, Gates, Last, Layer, Way};
+use super::chain::Chain;
 use super::decoder::{Check, Decoder, Interrupted};
+use super::layer::{Layer, Way};
+use super::step::{Gates, Last};
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::nn::mask;
 use crate::nn::output::Channels;

@@ -6,7 +6,7 @@ mod error;
 mod observer;
 mod plan_tokens;
 mod request;
-pub(crate) mod rotations;
+mod rotations;
 mod stream;
 
 pub use error::Error;
@@ -23,7 +23,7 @@ use crate::model::Model;
 use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, channels};
 use crate::perception::anchors::{Anchor, AnchorSet, Target};
 use crate::perception::prompt::Heard;
-use crate::plan::{Limits, Plan, StreamLimits, feature_columns};
+use crate::plan::{Limits, Plan, StreamLimits, feature_columns, rotation_columns};
 use crate::planning::session::Modules;
 use crate::planning::{self, PlanningError};
 use crate::refining::{self, SolverError, Stop};
@@ -304,7 +304,7 @@ impl<'a> Generator<'a> {
             Err(Stop::Abort) => Err(Interrupted),
             Ok(()) | Err(Stop::Finish) => Ok(()),
         };
-        let columns = rotations::columns(decoder.output());
+        let columns = rotation_columns(decoder.output());
         let (q, scales) = (arena.take(most * columns), arena.take(if columns > 0 { most } else { 0 }));
         let (q, scales) = (q.map_err(too_small)?, scales.map_err(too_small)?);
         work.keep(q.get_mut(..frames * columns).unwrap_or(&mut []), scales.get_mut(..frames).unwrap_or(&mut []));

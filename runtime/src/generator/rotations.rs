@@ -4,6 +4,7 @@ use crate::motion::Pose;
 use crate::motion::rotations::{CHANNELS, FIRST, turned};
 use crate::nn::conv1d::Rows;
 use crate::nn::output::{Channels, Output, Scratch};
+use crate::plan::rotation_columns;
 
 /// What a motion's rotations are computed from: the last layer's input, as it was left in the arena.
 #[derive(Debug, Clone, Copy)]
@@ -22,17 +23,12 @@ pub(super) struct Rotations<'a> {
     pub sin: &'a [f32],
 }
 
-/// Numbers of a frame that rotations are computed from: none if the model's last layer has no such channels.
-pub(crate) fn columns(output: &Output<'_>) -> usize {
-    if output.outputs() < FIRST + CHANNELS { 0 } else { output.inputs() }
-}
-
 impl Rotations<'_> {
     /// `pose`, the positions of a frame, with its bones turned as that frame's rotations say. `None`: the model has no such channels,
     /// or the motion no such frame.
     #[inline(never)]
     pub fn pose(&self, frame: usize, pose: &Pose) -> Option<Pose> {
-        if columns(self.output) == 0 {
+        if rotation_columns(self.output) == 0 {
             return None;
         }
         let heading = (*self.cos.get(frame)?, *self.sin.get(frame)?);

@@ -88,13 +88,15 @@ pub struct Bytes {
 }
 
 impl Bytes {
-    /// In all: the larger of pass and draw counts.
+    /// In all.
     #[must_use]
     pub const fn all(&self) -> usize {
         self.text + self.anchors + self.rows + self.working()
     }
 
-    const fn working(&self) -> usize {
+    /// Of [`Bytes::pass`] and [`Bytes::draw`], which take turns.
+    #[must_use]
+    pub const fn working(&self) -> usize {
         if self.pass > self.draw { self.pass } else { self.draw }
     }
 }

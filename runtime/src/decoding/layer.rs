@@ -1,0 +1,129 @@
+//! What a decoder consists of: its layers in order, and which rows each of them needs.
+
+use super::decoder::Decoder;
+use crate::blob::{MAX_BLOCKS, MAX_STAGES};
+use crate::nn::conv1d::Conv1d;
+use crate::nn::output::Output;
+use crate::nn::residual::Residual;
+
+/// Layers a decoder may have.
+pub(super) const MAX_LAYERS: usize = 3 + MAX_STAGES * (MAX_BLOCKS + 1);
+
+/// Which way rows pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Way {
+    /// From the embeddings to the features.
+    Forward,
+    /// Gradients, from the features to the embeddings.
+    Back,
+}
+
+/// A layer of the chain.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Layer<'d, 'a> {
+    /// Convolution, then ReLU.
+    Convolution(&'d Conv1d<'a>),
+    /// Residual block.
+    Residual(&'d Residual<'a>),
+    /// Every row twice, then convolution.
+    Upsample(&'d Conv1d<'a>),
+    /// The last convolution. It takes gradients from the features themselves: on the way back rows begin behind it.
+    Output(&'d Output<'a>),
+}
+
+impl Layer<'_, '_> {
+    /// Channels of the rows that enter.
+    pub(super) const fn width(&self, way: Way) -> usize {
+        match (self, way) {
+            (Layer::Convolution(conv) | Layer::Upsample(conv), Way::Forward) => conv.inputs(),
+            (Layer::Convolution(conv) | Layer::Upsample(conv), Way::Back) => conv.outputs(),
+            (Layer::Residual(block), _) => block.conv1.inputs(),
+            (Layer::Output(output), _) => output.inputs(),
+        }
+    }
+
+    /// Rows that must have come after a row before what leaves the layer there is final.
+    pub(super) const fn ahead(&self) -> usize {
+        match self {
+            Layer::Convolution(conv) => conv.reach(),
+            Layer::Residual(block) => block.conv1.reach(),
+            // Forward the second copy of a row looks at the first copy of the next; back a row looks at the one behind its copies.
+            Layer::Upsample(_) => 1,
+            Layer::Output(output) => output.reach(),
+        }
+    }
+
+    /// Quantised rows that the next results still depend on. The first result is [`Layer::ahead`] behind the first of them.
+    pub(super) const fn kept(&self, way: Way) -> usize {
+        match (self, way) {
+            (Layer::Upsample(_), Way::Forward) => self.ahead(),
+            (Layer::Upsample(_), Way::Back) => 0,
+            _ => 2 * self.ahead(),
+        }
+    }
+
+    /// Rows as they were that the next results are added to or made of, at most.
+    pub(super) const fn skipped(&self, way: Way) -> usize {
+        match (self, way) {
+            (Layer::Residual(_), _) => self.ahead(),
+            // A row before the next row's first copy, and that copy if the other is yet to come.
+            (Layer::Upsample(_), Way::Back) => 3,
+            _ => 0,
+        }
+    }
+
+    /// Rows of ReLUs' bits for each row of the layer.
+    pub(super) const fn gates(&self) -> usize {
+        match self {
+            Layer::Convolution(_) => 1,
+            // Its input's, then its hidden rows'.
+            Layer::Residual(_) => 2,
+            Layer::Upsample(_) | Layer::Output(_) => 0,
+        }
+    }
+}
+
+impl<'a> Decoder<'a> {
+    /// Layer `index` in order of execution, and the upsampling stages that lie before it.
+    #[inline(never)]
+    fn layer(&self, index: usize) -> Option<(usize, Layer<'_, 'a>)> {
+        let Some(mut at) = index.checked_sub(1) else { return Some((0, Layer::Convolution(&self.input))) };
+        for (stage, layers) in self.stages.iter().enumerate() {
+            if let Some(block) = layers.blocks.get(at) {
+                return Some((stage, Layer::Residual(block)));
+            }
+            if at == layers.blocks.len() {
+                return Some((stage, Layer::Upsample(&layers.upsample)));
+            }
+            at -= layers.blocks.len() + 1;
+        }
+        match at {
+            0 => Some((self.stages.len(), Layer::Convolution(&self.middle))),
+            1 => Some((self.stages.len(), Layer::Output(&self.output))),
+            _ => None,
+        }
+    }
+
+    /// Layers in order of execution, each with the upsampling stages before it.
+    pub(super) fn layers(&self) -> impl Iterator<Item = (usize, Layer<'_, 'a>)> {
+        (0..MAX_LAYERS).map_while(|index| self.layer(index))
+    }
+
+    /// The same in the order in which rows pass them, from the last but one for gradients, each with how often rows are doubled where
+    /// they enter.
+    pub(super) fn passed(&self, way: Way) -> impl Iterator<Item = (usize, Layer<'_, 'a>)> {
+        let before_output = self.layers().count().saturating_sub(2);
+        (0..MAX_LAYERS).map_while(move |place| match way {
+            Way::Forward => self.layer(place),
+            Way::Back => {
+                let (stage, layer) = self.layer(before_output.checked_sub(place)?)?;
+                Some((stage + usize::from(matches!(layer, Layer::Upsample(_))), layer))
+            }
+        })
+    }
+
+    /// Rows of ReLUs' bits of a motion of so many tokens.
+    pub(super) fn gates(&self, tokens: usize) -> usize {
+        self.layers().fold(0, |sum, (stage, layer)| sum + layer.gates() * (tokens << stage))
+    }
+}

@@ -1,0 +1,216 @@
+//! One layer's step: rows enter, and those that have thereby become final leave.
+
+use super::decoder::copy;
+use super::layer::{Layer, Way};
+use crate::nn::conv1d::{Conv1d, GradientBlock, Rows};
+use crate::nn::output::{self, Channels};
+use crate::nn::{mask, quantise, residual};
+
+/// What has entered a layer: rows, and then zero rows behind the motion's last. All else follows from these.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Count {
+    pub rows: usize,
+    pub zeros: usize,
+}
+
+impl Count {
+    const fn all(&self) -> usize {
+        self.rows.saturating_add(self.zeros)
+    }
+
+    const fn add(&mut self, (rows, zeros): (usize, usize)) {
+        // A stream's may run for ever; beyond what a layer looks back they make no difference.
+        self.rows = self.rows.saturating_add(rows);
+        self.zeros += zeros;
+    }
+}
+
+/// The end of what entered a layer.
+pub(super) struct Tail<'s> {
+    /// Quantised rows, `[kept][K]`, of which the first are there.
+    pub q: &'s mut [i16],
+    /// Their scales, `[kept]`.
+    pub scales: &'s mut [f32],
+    /// Rows as they were, `[skipped][K]`.
+    pub rows: &'s mut [f32],
+    pub count: &'s mut Count,
+}
+
+/// Bits of the ReLUs.
+#[derive(Debug)]
+pub(super) struct Gates<'w> {
+    /// `[R][words(W)]`, all layers' one after the other, or as many as a chunk has where nobody reads them.
+    pub bits: &'w mut [u32],
+    /// Words of a row.
+    pub words: usize,
+    /// Of how many tokens the motion is whose gradient is to follow; `None` where none is.
+    pub kept: Option<usize>,
+}
+
+impl Gates<'_> {
+    /// Of `count` rows, `from` a layer's first row on, the `row`-th there.
+    fn of(&mut self, from: usize, row: usize, count: usize) -> &mut [u32] {
+        let first = if self.kept.is_some() { from + row } else { 0 };
+        self.bits.get_mut(first * self.words..(first + count) * self.words).unwrap_or(&mut [])
+    }
+}
+
+/// Where the last layer's quantised input goes, `[T][K]` and `[T]`, as far as there is room.
+#[derive(Debug, Default)]
+pub(super) struct Last<'w> {
+    pub q: &'w mut [i16],
+    pub scales: &'w mut [f32],
+}
+
+/// Buffers that a layer uses while it computes. The quantised rows of `scratch` are its window, `[kept + came][K]`.
+#[derive(Debug)]
+pub(super) struct Work<'w> {
+    pub scratch: residual::Scratch<'w>,
+    /// Of the last layer's gradient.
+    pub output_row: &'w mut [f32],
+    pub output_q: &'w mut [i16],
+    pub acc_low: &'w mut [i32],
+}
+
+impl Layer<'_, '_> {
+    /// Takes `rows` rows from the front of `sequence` and `zeros` zero rows behind them; writes the rows that have become
+    /// final there. Returns how many.
+    pub(super) fn step(
+        &self,
+        way: Way,
+        tail: Tail<'_>,
+        (rows, zeros): (usize, usize),
+        channels: &Channels,
+        sequence: &mut [f32],
+        (gates, (outer, inner)): (&mut Gates<'_>, (usize, usize)),
+        last: &mut Last<'_>,
+        work: &mut Work<'_>,
+    ) -> usize {
+        if let (Layer::Upsample(conv), Way::Back) = (self, way) {
+            return downsample(conv, tail, (rows, zeros), sequence, work);
+        }
+        let Work { scratch: residual::Scratch { q, scales, row, block }, acc_low, .. } = work;
+        let (width, ahead, skipped) = (self.width(way), self.ahead(), self.skipped(way));
+        let (came, copies) = (rows + zeros, if let Layer::Upsample(_) = self { 2 } else { 1 });
+        // Results before the motion's first row and behind its last are left out.
+        let Tail { q: kept_q, scales: kept_scales, rows: kept_rows, count } = tail;
+        let kept = self.kept(way);
+        let (entered, gone) = (count.rows, count.all().saturating_mul(copies));
+        // Of zero rows as many as are kept lie before the motion; those behind it are in no window either.
+        let (lead, held) = (kept.saturating_sub(count.all()), entered.min(kept.saturating_sub(count.zeros)));
+        let (left, before) = (gone.saturating_sub(ahead), ahead.saturating_sub(gone).min(copies * came));
+        let results = (copies * came - before).saturating_sub((copies - 1) * zeros);
+        // Results begin so many rows behind the window's first.
+        let first = (ahead + before).saturating_sub(copies * lead);
+        count.add((rows, zeros));
+
+        if skipped > 0 {
+            // What the results are added to begins before the rows that came.
+            shift_back(sequence, rows * width, skipped * width);
+            copy(kept_rows, sequence);
+        }
+        let x = sequence.get_mut(skipped * width..(skipped + rows) * width).unwrap_or(&mut []);
+        let all = held + rows;
+        copy(kept_q.get(..held * width).unwrap_or(&[]), q);
+        copy(kept_scales.get(..held).unwrap_or(&[]), scales);
+        let new_q = q.get_mut(held * width..all * width).unwrap_or(&mut []);
+        let new_scales = scales.get_mut(held..all).unwrap_or(&mut []);
+        match (self, way) {
+            (Layer::Residual(layer), Way::Forward) => {
+                layer.activate(x, new_q, new_scales, row, gates.of(outer, entered, rows));
+            }
+            (Layer::Residual(layer), Way::Back) => {
+                layer.enter_gradient(x, new_q, new_scales, row, block, gates.of(inner, entered, rows));
+            }
+            (Layer::Convolution(conv), Way::Back) => {
+                mask::gate_rows(x, gates.of(outer, entered, rows), width);
+                conv.quantise_gradient(x, new_q, new_scales, row);
+            }
+            _ => quantise::rows(x, width, quantise::limit(width), new_q, new_scales),
+        }
+        if let Layer::Output(_) = self {
+            copy(new_q, last.q.get_mut(entered * width..).unwrap_or(&mut []));
+            copy(new_scales, last.scales.get_mut(entered..).unwrap_or(&mut []));
+        }
+        // As many rows are done with as came, zero rows first.
+        let done = came.saturating_sub(lead).min(all);
+        copy(q.get(done * width..all * width).unwrap_or(&[]), kept_q);
+        copy(scales.get(done..all).unwrap_or(&[]), kept_scales);
+        copy(sequence.get(came * width..).unwrap_or(&[]), kept_rows);
+        let window = Rows { q: q.get(..all * width).unwrap_or(&[]), scales: scales.get(..all).unwrap_or(&[]) };
+
+        match (self, way) {
+            (Layer::Convolution(conv), Way::Forward) => {
+                let y = sequence.get_mut(..results * conv.outputs()).unwrap_or(&mut []);
+                conv.forward(window, first, y, block.acc);
+                mask::relu_rows(y, gates.of(outer, left, results), conv.outputs());
+            }
+            (Layer::Convolution(conv), Way::Back) => {
+                let dx = sequence.get_mut(..results * conv.inputs()).unwrap_or(&mut []);
+                conv.backward(window, first, dx, block.acc);
+            }
+            (Layer::Residual(layer), _) => {
+                let x = sequence.get_mut(..came * width).unwrap_or(&mut []);
+                let to = x.get_mut(before * width..).unwrap_or(&mut []);
+                match way {
+                    Way::Forward => layer.add(window, first, to, block, gates.of(inner, left, results)),
+                    Way::Back => layer.add_gradient(window, first, to, block, gates.of(outer, left, results)),
+                }
+                shift_forward(x, before * width);
+            }
+            (Layer::Upsample(conv), _) => {
+                let y = sequence.get_mut(..results * conv.outputs()).unwrap_or(&mut []);
+                conv.forward_upsampled(window, first, y, block.acc);
+            }
+            (Layer::Output(output), _) => {
+                let y = sequence.get_mut(..results * channels.count()).unwrap_or(&mut []);
+                let mut scratch = output::Scratch { row: &mut [], q: &mut [], acc: block.acc, acc_low };
+                output.forward(window, first, channels, y, &mut scratch);
+            }
+        }
+        results
+    }
+}
+
+/// The way back through an upsampling: a row for two, as [`Layer::step`] otherwise.
+fn downsample(
+    conv: &Conv1d<'_>,
+    tail: Tail<'_>,
+    (rows, zeros): (usize, usize),
+    sequence: &mut [f32],
+    work: &mut Work<'_>,
+) -> usize {
+    let residual::Scratch { row, block, .. } = &mut work.scratch;
+    let width = conv.outputs();
+    // Two copies and a row on either side of them make a result, and the next begins two rows later; a zero row comes first.
+    let results_of = |count: &Count| count.all().div_ceil(2).saturating_sub(1);
+    let before = results_of(tail.count);
+    let held = 1 + tail.count.all() - 2 * before;
+    tail.count.add((rows, zeros));
+    let (all, results) = (held + rows + zeros, results_of(tail.count) - before);
+    shift_back(sequence, rows * width, held * width);
+    copy(tail.rows.get(..held * width).unwrap_or(&[]), sequence);
+    sequence.get_mut((held + rows) * width..all * width).unwrap_or(&mut []).fill(0.0);
+    copy(sequence.get(2 * results * width..all * width).unwrap_or(&[]), tail.rows);
+    let mut block_of = GradientBlock { row, sums: &mut *block.rows, q: &mut *block.q, scales: &mut *block.scales };
+    let window = sequence.get_mut(..2 * (results + 1) * width).unwrap_or(&mut []);
+    conv.backward_upsampled(window, &mut block_of, block.acc);
+    results
+}
+
+/// Moves the first `count` values `by` places back.
+fn shift_back(x: &mut [f32], count: usize, by: usize) {
+    if let Some(x) = x.get_mut(..count + by)
+        && count <= x.len()
+        && by <= x.len() - count
+    {
+        x.copy_within(..count, by);
+    }
+}
+
+/// Moves all values `by` places to the front.
+fn shift_forward(x: &mut [f32], by: usize) {
+    if by <= x.len() {
+        x.copy_within(by.., 0);
+    }
+}
