@@ -48,7 +48,7 @@ impl<'a> LayerNorm<'a> {
     #[inline(never)]
     pub fn forward_in_place(&self, x: &mut [f32]) {
         let width = self.weight.len().max(1);
-        for x in x.chunks_mut(ROWS * width) {
+        for x in x.chunks_mut((ROWS * width).max(1)) {
             let moments = moments(x, width, self.epsilon);
             for (x, (mean, factor)) in x.chunks_exact_mut(width).zip(moments) {
                 wide!({

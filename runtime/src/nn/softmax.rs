@@ -11,7 +11,7 @@ const LANES: usize = 8;
 #[inline(never)]
 pub fn rows(x: &mut [f32], width: usize) {
     let width = if width == 0 { 1 } else { width };
-    for x in x.chunks_mut(ROWS * width) {
+    for x in x.chunks_mut((ROWS * width).max(1)) {
         for x in x.chunks_exact_mut(width) {
             powers(x);
         }

@@ -117,7 +117,7 @@ impl<'a> ScaffoldEncoder<'a> {
         let scaffold = Scaffold::new(anchors, self.families, self.statistics, self.rate, bends);
         let mut frame = 0;
         for row in x.chunks_exact_mut(self.merge.outputs().max(1)) {
-            for rows in merged.chunks_mut(together * width) {
+            for rows in merged.chunks_mut((together * width).max(1)) {
                 let features = features.get_mut(..rows.len() / width * WIDTH).unwrap_or_default();
                 for c in features.chunks_exact_mut(WIDTH) {
                     scaffold.features(frame, c);
