@@ -200,17 +200,26 @@ fn downsample(
 
 /// Moves the first `count` values `by` places back.
 fn shift_back(x: &mut [f32], count: usize, by: usize) {
-    if let Some(x) = x.get_mut(..count + by)
-        && count <= x.len()
-        && by <= x.len() - count
-    {
-        x.copy_within(..count, by);
+    for at in (0..count).rev() {
+        shift(x, at, at + by);
     }
 }
 
 /// Moves all values `by` places to the front.
 fn shift_forward(x: &mut [f32], by: usize) {
-    if by <= x.len() {
-        x.copy_within(by.., 0);
+    if by > 0 {
+        for at in by..x.len() {
+            shift(x, at, at - by);
+        }
+    }
+}
+
+// Not by `copy_within`: it takes a kilobyte and a half of flash.
+#[inline]
+fn shift(x: &mut [f32], from: usize, to: usize) {
+    if let Some(&value) = x.get(from)
+        && let Some(to) = x.get_mut(to)
+    {
+        *to = value;
     }
 }

@@ -1,7 +1,7 @@
 //! Layer normalisation: `y = (x - mean) / sqrt(var + eps) * weight + bias`, biased variance, sums in channel order.
 
 use super::conv1d::larger;
-use super::sums::{ROWS, sums};
+use super::sums::{ROWS, squares, totals};
 use crate::blob::{Error, Tensors};
 use crate::kernels::wide;
 
@@ -50,24 +50,29 @@ impl<'a> LayerNorm<'a> {
         let width = self.weight.len().max(1);
         for x in x.chunks_mut((ROWS * width).max(1)) {
             let moments = moments(x, width, self.epsilon);
-            for (x, (mean, factor)) in x.chunks_exact_mut(width).zip(moments) {
-                wide!({
-                    for (x, (weight, bias)) in x.iter_mut().zip(self.weight.iter().zip(self.bias)) {
-                        *x = (*x - mean) * factor * *weight + *bias;
-                    }
-                });
+            for (x, moments) in x.chunks_exact_mut(width).zip(moments) {
+                self.normalise(x, moments);
             }
         }
+    }
+
+    // Its own function: there would be one for each of the rows that are summed together.
+    #[inline(never)]
+    fn normalise(&self, x: &mut [f32], (mean, factor): (f32, f32)) {
+        wide!({
+            for (x, (weight, bias)) in x.iter_mut().zip(self.weight.iter().zip(self.bias)) {
+                *x = (*x - mean) * factor * *weight + *bias;
+            }
+        });
     }
 }
 
 /// Mean of each of at most four rows, and `1 / sqrt(var + eps)`.
 fn moments(x: &[f32], width: usize, epsilon: f32) -> [(f32, f32); ROWS] {
     let count = width as f32;
-    let means = sums(x, width, [0.0; ROWS], |x, _| x).map(|sum| sum / count);
-    let squares = sums(x, width, means, |x, mean| (x - mean) * (x - mean));
+    let means = totals(x, width).map(|sum| sum / count);
     let mut moments = [(0.0, 0.0); ROWS];
-    for ((to, mean), squares) in moments.iter_mut().zip(means).zip(squares) {
+    for ((to, mean), squares) in moments.iter_mut().zip(means).zip(squares(x, width, means)) {
         *to = (mean, 1.0 / libm::sqrtf(squares / count + epsilon));
     }
     moments

@@ -1,11 +1,8 @@
 //! Softmax in f32: largest first taken off, exponentials summed in order.
 
 use super::exp::exp;
-use super::sums::{ROWS, sums};
+use super::sums::{ROWS, totals};
 use crate::kernels::wide;
-
-/// Numbers among which the largest is looked for side by side.
-const LANES: usize = 8;
 
 /// `x[r][i] <- exp(x[r][i] - max) / sum_j exp(x[r][j] - max)`, `max` the largest of row `r`, in all rows `x [R][width]`.
 #[inline(never)]
@@ -15,15 +12,21 @@ pub fn rows(x: &mut [f32], width: usize) {
         for x in x.chunks_exact_mut(width) {
             powers(x);
         }
-        let sums = sums(x, width, [0.0; ROWS], |x, _| x);
+        let sums = totals(x, width);
         for (x, sum) in x.chunks_exact_mut(width).zip(sums) {
-            wide!({
-                for x in x {
-                    *x /= sum;
-                }
-            });
+            divide(x, sum);
         }
     }
+}
+
+// Its own function: there would be one for each of the rows that are summed together.
+#[inline(never)]
+fn divide(x: &mut [f32], by: f32) {
+    wide!({
+        for x in x {
+            *x /= by;
+        }
+    });
 }
 
 /// The same of one row.
@@ -35,7 +38,11 @@ pub fn softmax(x: &mut [f32]) {
 #[inline(never)]
 pub fn exponentials(x: &mut [f32]) -> f32 {
     powers(x);
-    let [sum, ..] = sums(x, x.len(), [0.0; ROWS], |x, _| x);
+    // In order: the sum has one written order.
+    let mut sum = 0.0;
+    for v in x {
+        sum += *v;
+    }
     sum
 }
 
@@ -43,22 +50,23 @@ pub fn exponentials(x: &mut [f32]) -> f32 {
 #[inline(never)]
 fn powers(x: &mut [f32]) {
     wide!({
-        let largest = largest(x);
+        // As integers: their largest does not depend on the order in which it is looked for.
+        let mut largest = i32::MIN;
+        for v in x.iter() {
+            let ordered = ordered(v.to_bits() as i32);
+            if ordered > largest {
+                largest = ordered;
+            }
+        }
+        let largest = f32::from_bits(ordered(largest) as u32);
         for v in x.iter_mut() {
             *v = exp(*v - largest);
         }
     });
 }
 
+/// The bits of a number as an integer that grows with it; the same back.
 #[inline(always)]
-fn largest(x: &[f32]) -> f32 {
-    let larger = |a: f32, b: f32| if b > a { b } else { a };
-    let (eights, rest) = x.as_chunks::<LANES>();
-    let mut lanes = [f32::NEG_INFINITY; LANES];
-    for eight in eights {
-        for (lane, v) in lanes.iter_mut().zip(eight) {
-            *lane = larger(*lane, *v);
-        }
-    }
-    lanes.iter().chain(rest).fold(f32::NEG_INFINITY, |largest, v| larger(largest, *v))
+const fn ordered(bits: i32) -> i32 {
+    bits ^ ((bits >> 31) & i32::MAX)
 }

@@ -35,7 +35,7 @@ impl Tmd {
     /// `beta(t)` for `0 <= t < 1`.
     #[must_use]
     pub fn beta(&self, t: f32) -> f32 {
-        if t > 0.0 && t < 1.0 { self.c * libm::powf(t / (1.0 - t), self.a) } else { 0.0 }
+        if t > 0.0 && t < 1.0 { self.c * libm::expf(self.a * libm::logf(t / (1.0 - t))) } else { 0.0 }
     }
 
     /// The step from time `from` to `to < 1`.
@@ -55,23 +55,17 @@ pub struct Metric<'w> {
     width: usize,
 }
 
-/// Makes the codes `[du][LANES]` vectors of length 1.
-#[inline(always)]
-fn normalise(codes: &mut [[f32; LANES]]) {
-    let mut factors = [0.0; LANES];
-    for values in codes.iter() {
-        for (squares, v) in factors.iter_mut().zip(values) {
-            *squares += *v * *v;
+/// Puts a code into one lane; returns its sum of squares.
+#[inline(never)]
+fn put_code(units: &mut [[f32; LANES]], lane: usize, code: impl Iterator<Item = f32>) -> f32 {
+    let mut squares = 0.0;
+    for (unit, v) in units.iter_mut().zip(code) {
+        if let Some(unit) = unit.get_mut(lane) {
+            *unit = v;
         }
+        squares += v * v;
     }
-    for factor in &mut factors {
-        *factor = if *factor > 0.0 { 1.0 / libm::sqrtf(*factor) } else { 0.0 };
-    }
-    for values in codes {
-        for (v, factor) in values.iter_mut().zip(factors) {
-            *v *= factor;
-        }
-    }
+    squares
 }
 
 impl<'w> Metric<'w> {
@@ -87,14 +81,18 @@ impl<'w> Metric<'w> {
         let width = codebooks.width().max(1);
         let (units, _) = units.as_chunks_mut();
         for (group, units) in units.chunks_exact_mut(width).enumerate() {
-            for lane in 0..LANES {
-                for (unit, v) in units.iter_mut().zip(codebooks.values(group * LANES + lane)) {
-                    if let Some(unit) = unit.get_mut(lane) {
-                        *unit = v;
+            let mut factors = [0.0; LANES];
+            for (lane, factor) in factors.iter_mut().enumerate() {
+                let squares = put_code(units, lane, codebooks.values(group * LANES + lane));
+                *factor = if squares > 0.0 { 1.0 / libm::sqrtf(squares) } else { 0.0 };
+            }
+            wide!({
+                for unit in units {
+                    for (v, factor) in unit.iter_mut().zip(factors) {
+                        *v *= factor;
                     }
                 }
-            }
-            wide!(normalise(units));
+            });
         }
         Metric { units, width }
     }
