@@ -85,15 +85,15 @@ fn put(heads: Heads, rows: usize, row: usize, x: &[f32], q: &mut [i8], scales: &
 /// Scratch of [`attend`].
 #[derive(Debug)]
 pub struct Scratch<'a> {
-    /// One head of the queries, `[BLOCK][dh]`.
+    /// One head of the queries, `[rows][dh]`.
     pub q: &'a mut [i16],
-    /// Its scales, `[BLOCK]`.
+    /// Its scales, `[rows]`.
     pub scales: &'a mut [f32],
-    /// Scores, then probabilities: one a row and key of all segments, `[BLOCK][keys]`.
+    /// Scores, then probabilities: one a row and key of all segments, `[rows][keys]`, no more rows than [`BLOCK`].
     pub scores: &'a mut [f32],
-    /// Probabilities times value scales, `[BLOCK]` rows of one segment at a time.
+    /// Probabilities times value scales, `[rows][n]` of one segment at a time.
     pub p: &'a mut [i16],
-    /// `[BLOCK][max(keys, dh)]`, and the kernels' room
+    /// `[rows][max(keys, dh)]`, and the kernels' room
     pub acc: &'a mut [i32],
 }
 

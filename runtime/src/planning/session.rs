@@ -19,7 +19,7 @@ use crate::perception::bank;
 use crate::perception::prompt::{Heard, Prompt, PromptError};
 use crate::perception::text::NONE;
 
-/// Positions whose tokens are drawn together: a code's logits for many take more memory than a pass.
+/// Positions whose tokens are drawn together: the logits of more than these would take more memory than a pass.
 const DRAWN: usize = 4;
 
 /// The largest plan that is to be made.
