@@ -27,9 +27,18 @@ pub use chosen::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 pub use count::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(not(target_arch = "x86_64"))]
 pub use portable::widened;
-pub use portable::{GROUP, GROUP_BYTES, unpacked};
+pub use portable::{GROUP, GROUP_BYTES, relu, unpacked};
 #[cfg(target_arch = "x86_64")]
 pub use x86::widened;
+
+/// [`relu`] of a word's numbers.
+#[inline(always)]
+pub fn relu_word(x: &mut [f32; 32]) -> u32 {
+    #[cfg(target_arch = "x86_64")]
+    return x86::relu_word(x);
+    #[cfg(not(target_arch = "x86_64"))]
+    relu(x)
+}
 
 /// Runs an elementwise loop, compiled for the widest registers of the machine: [`widened`] of a body that the compiler cannot leave
 /// outside, where it would be compiled for any machine.

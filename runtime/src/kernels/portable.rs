@@ -79,6 +79,20 @@ pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usiz
     }
 }
 
+/// `x <- relu(x)`; bit k says whether `x[k]` was positive.
+#[inline(always)]
+pub fn relu(x: &mut [f32]) -> u32 {
+    let mut bits = 0;
+    for (k, v) in x.iter_mut().enumerate() {
+        if *v > 0.0 {
+            bits |= 1 << k;
+        } else {
+            *v = 0.0;
+        }
+    }
+    bits
+}
+
 /// Runs an elementwise loop, compiled for the widest registers of the machine. The compiler neither reorders nor joins
 /// floating-point operations, so the bits do not depend on the width.
 #[cfg(not(target_arch = "x86_64"))]

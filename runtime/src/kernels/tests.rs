@@ -98,6 +98,18 @@ fn four_bits_are_packed_as_they_are_said_to_be() {
     assert_eq!(want, got);
 }
 
+#[test]
+fn relu_of_a_word_agrees_with_the_portable_one() {
+    let odd = [0.0, -0.0, f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e-45, -1e-45, 3.5, -3.5];
+    for first in 0..odd.len() {
+        let x: [f32; 32] = core::array::from_fn(|i| odd[(first + i * i) % odd.len()]);
+        let (mut want, mut got) = (x, x);
+        assert_eq!(super::relu_word(&mut got), super::portable::relu(&mut want));
+        assert_eq!(got.map(f32::to_bits), want.map(f32::to_bits));
+        assert_eq!(got, x.map(|v| if v > 0.0 { v } else { 0.0 }));
+    }
+}
+
 /// A kernel that forgets one product is found.
 #[test]
 fn the_runner_finds_a_wrong_kernel() {

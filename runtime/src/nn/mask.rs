@@ -1,6 +1,6 @@
 //! One bit an activation: whether a ReLU let it through, kept for the input gradient.
 
-use crate::kernels::wide;
+use crate::kernels::{self, wide};
 
 /// Words that hold `bits` bits.
 #[must_use]
@@ -17,26 +17,13 @@ pub fn relu(x: &mut [f32], mask: &mut [u32]) {
 #[inline(always)]
 fn relu_words(x: &mut [f32], mask: &mut [u32]) {
     // Whole words apart: the compiler has them side by side where it knows how long they are.
-    let (words, rest) = x.as_chunks_mut::<32>();
+    let (words, rest) = x.as_chunks_mut();
     for (x, mask) in words.iter_mut().zip(mask.iter_mut()) {
-        *mask = relu_word(x);
+        *mask = kernels::relu_word(x);
     }
     if let Some(mask) = mask.get_mut(words.len()) {
-        *mask = relu_word(rest);
+        *mask = kernels::relu(rest);
     }
-}
-
-#[inline(always)]
-fn relu_word(x: &mut [f32]) -> u32 {
-    let mut bits = 0u32;
-    for (k, v) in x.iter_mut().enumerate() {
-        if *v > 0.0 {
-            bits |= 1 << k;
-        } else {
-            *v = 0.0;
-        }
-    }
-    bits
 }
 
 /// The same for rows `[R][width]`, with a row of `masks` each.

@@ -1,5 +1,6 @@
 //! AVX2: 16 products an instruction, added in pairs (`vpmaddwd`). A pair cannot overflow: a weight is at most 128.
 
+use super::panel::avx2 as panel;
 use super::rows::{by_rows, in_steps, padded, pair, present, put, row, tiles};
 use crate::kernels::{GROUP, GROUP_BYTES};
 use core::arch::x86_64::*;
@@ -19,7 +20,9 @@ pub fn widened<R>(body: impl FnOnce() -> R) -> R {
 /// See [`super::portable::linear_s16s8`].
 #[target_feature(enable = "avx2")]
 pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    by_rows!(forward, x, inputs, acc, outputs, w);
+    if !panel::forward(x, w, inputs, outputs, acc) {
+        by_rows!(forward, x, inputs, acc, outputs, w);
+    }
 }
 
 /// See [`super::portable::linear_s16s4`].
@@ -33,7 +36,9 @@ pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mu
 /// See [`super::portable::linear_transposed_s16s8`].
 #[target_feature(enable = "avx2")]
 pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    by_rows!(transposed, g, outputs, acc, inputs, w);
+    if !panel::transposed(g, w, outputs, inputs, acc) {
+        by_rows!(transposed, g, outputs, acc, inputs, w);
+    }
 }
 
 #[target_feature(enable = "avx2")]
@@ -162,7 +167,7 @@ fn interleaved(even: &[i8], odd: &[i8], at: usize) -> [__m256i; 2] {
 /// Weights from `at` on, zeros behind the end of the row.
 #[inline]
 #[target_feature(enable = "avx2")]
-fn channels(row: &[i8], at: usize) -> __m128i {
+pub(super) fn channels(row: &[i8], at: usize) -> __m128i {
     match row.get(at..).and_then(|rest| rest.first_chunk()) {
         Some(window) => load_i8(window),
         None => load_i8(&padded(row, at)),

@@ -1,6 +1,6 @@
 //! AVX-512 with VNNI: 32 products an instruction (`vpdpwssd`), accumulated without saturation.
 
-use super::panel;
+use super::panel::avx512 as panel;
 use super::rows::{by_rows, in_steps, padded, pair, present, put, row, tiles};
 use crate::kernels::{GROUP, GROUP_BYTES};
 use core::arch::x86_64::*;
