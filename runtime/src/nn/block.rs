@@ -165,6 +165,13 @@ impl<'w> Scratch<'w> {
         let rows = quantised(x, layer.inputs(), self.q, self.scales);
         layer.forward(rows, out, self.attention.acc);
     }
+
+    /// Adds that to `out`.
+    #[inline(never)]
+    fn add_linear(&mut self, layer: &Linear<'_>, x: &[f32], out: &mut [f32]) {
+        let rows = quantised(x, layer.inputs(), self.q, self.scales);
+        layer.add(rows, out, self.attention.acc);
+    }
 }
 
 /// Quantises rows, at most as many as there is room for.
@@ -277,31 +284,31 @@ impl<'a> Block<'a> {
         let heads = self.heads();
         for x in x.chunks_mut(BLOCK * width) {
             let queries = self.qkv.part(0, width);
-            self.sublayer(&self.norm1, x, scratch, |rows, out, scratch| {
-                attention_layer(heads, &queries, &self.out, &segments, rows, out, scratch);
+            self.sublayer(&self.norm1, x, scratch, |rows, other, x, scratch| {
+                add_attention(heads, &queries, &self.out, &segments, (rows, other), x, scratch);
             });
             if let (Some(cross), Some(memory)) = (&self.cross, memory) {
-                self.sublayer(&cross.norm, x, scratch, |rows, out, scratch| {
-                    attention_layer(heads, &cross.query, &cross.out, &[memory], rows, out, scratch);
+                self.sublayer(&cross.norm, x, scratch, |rows, other, x, scratch| {
+                    add_attention(heads, &cross.query, &cross.out, &[memory], (rows, other), x, scratch);
                 });
             }
-            self.sublayer(&self.norm2, x, scratch, |rows, out, scratch| {
-                feed_forward(self.config.activation, &self.up, &self.down, rows, out, scratch);
+            self.sublayer(&self.norm2, x, scratch, |rows, _, x, scratch| {
+                add_feed_forward(self.config.activation, &self.up, &self.down, rows, x, scratch);
             });
         }
     }
 
-    /// `x += f(LN x)` or `x = LN(x + f(x))` for at most [`BLOCK`] rows. `f` reads rows, writes rows, and may overwrite
-    /// what it has read.
+    /// `x += f(LN x)` or `x = LN(x + f(x))` for at most [`BLOCK`] rows. `f` takes rows that it may overwrite, as many others to write to,
+    /// and adds to the third.
     fn sublayer(
         &self,
         norm: &LayerNorm<'_>,
         x: &mut [f32],
         scratch: &mut Scratch<'_>,
-        f: impl Fn(&mut [f32], &mut [f32], &mut Scratch<'_>),
+        f: impl Fn(&mut [f32], &mut [f32], &mut [f32], &mut Scratch<'_>),
     ) {
         let (a, b) = (core::mem::take(&mut scratch.a), core::mem::take(&mut scratch.b));
-        if let (Some(rows), Some(out)) = (a.get_mut(..x.len()), b.get_mut(..x.len())) {
+        if let (Some(rows), Some(other)) = (a.get_mut(..x.len()), b.get_mut(..x.len())) {
             match self.config.norm {
                 Norm::Pre => norm.forward(x, rows),
                 Norm::Post => {
@@ -310,10 +317,7 @@ impl<'a> Block<'a> {
                     }
                 }
             }
-            f(rows, out, scratch);
-            for (x, y) in x.iter_mut().zip(rows.iter()) {
-                *x += *y;
-            }
+            f(rows, other, x, scratch);
             if self.config.norm == Norm::Post {
                 norm.forward_in_place(x);
             }
@@ -366,31 +370,28 @@ pub fn project_low_rank(
     }
 }
 
-/// `rows <- Out(attention(Query rows))`, `other` of the same size.
-fn attention_layer(
+/// `x += Out(attention(Query rows))`.
+fn add_attention(
     heads: Heads,
     query: &Linear<'_>,
     out: &Linear<'_>,
     segments: &[Segment<'_>],
-    rows: &mut [f32],
-    other: &mut [f32],
+    (rows, other): (&mut [f32], &mut [f32]),
+    x: &mut [f32],
     scratch: &mut Scratch<'_>,
 ) {
     scratch.linear(query, rows, other);
     attend(heads, other, segments, rows, &mut scratch.attention);
-    scratch.linear(out, rows, other);
-    for (to, from) in rows.iter_mut().zip(other.iter()) {
-        *to = *from;
-    }
+    scratch.add_linear(out, rows, x);
 }
 
-/// `rows <- F2(act(F1 rows))`.
-fn feed_forward(
+/// `x += F2(act(F1 rows))`.
+fn add_feed_forward(
     kind: Activation,
     up: &Linear<'_>,
     down: &Linear<'_>,
-    rows: &mut [f32],
-    other: &mut [f32],
+    rows: &[f32],
+    x: &mut [f32],
     scratch: &mut Scratch<'_>,
 ) {
     let hidden = core::mem::take(&mut scratch.hidden);
@@ -398,12 +399,9 @@ fn feed_forward(
     if let Some(wide) = hidden.get_mut(..count * up.outputs()) {
         scratch.linear(up, rows, wide);
         activation::apply(kind, wide);
-        scratch.linear(down, wide, other);
+        scratch.add_linear(down, wide, x);
     }
     scratch.hidden = hidden;
-    for (to, from) in rows.iter_mut().zip(other.iter()) {
-        *to = *from;
-    }
 }
 
 /// How a stack's width is split.

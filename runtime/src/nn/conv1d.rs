@@ -4,6 +4,7 @@
 //! `c` the middle tap, `d` the dilation, rows outside the sequence left out. The inner sum is int32; taps are added
 //! in f32 in tap order, starting from zero.
 
+use super::epilogue::{self, Affine};
 use super::quantise;
 use crate::blob::{DType, Error, Tensors};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8, room, wide};
@@ -151,15 +152,29 @@ impl<'a> Conv1d<'a> {
             let (first, count) = (first + block * BLOCK, out.len() / width.max(1));
             for tap in 0..self.taps {
                 let span = Span::new(first, count, rows, self.offset(tap));
-                let combine = combine(tap, count, span.as_ref(), out);
-                let Some(span) = span else { continue };
-                let x = x.window(span.source, span.rows, self.inputs);
-                let out = out.get_mut(span.skip * width..).unwrap_or(&mut []);
-                linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
-                combine(out, acc, x.scales, width);
+                let last = tap + 1 == self.taps;
+                let combine = combine(tap, count, span.as_ref(), out, last);
+                if let Some(Span { skip, source, rows }) = span {
+                    let x = x.window(source, rows, self.inputs);
+                    linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
+                    if last && rows == count {
+                        epilogue::finish_sum(out, acc, x.scales, self.affine());
+                        continue;
+                    }
+                    combine(out.get_mut(skip * width..).unwrap_or(&mut []), width, acc, width, x.scales);
+                }
+                if last {
+                    epilogue::scale(out, width, self.affine());
+                }
             }
-            self.finish(out);
         }
+    }
+
+    /// Adds what the middle tap makes of rows `x [B][K]`, which is all where the kernel size is 1, to `out [B][N]`, no more rows than
+    /// [`BLOCK`].
+    pub fn add_pointwise(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
+        linear_s16s8(x.q, self.tap(self.middle()), self.inputs, self.outputs, acc);
+        epilogue::add_finished(out, acc, x.scales, self.affine());
     }
 
     /// Computes the convolution of `x` with every row repeated twice: rows `first..` of its `2 R`, as many as
@@ -177,16 +192,17 @@ impl<'a> Conv1d<'a> {
             for source in (start..end).step_by(BLOCK) {
                 let x = x.window(source, end.saturating_sub(source).min(BLOCK), self.inputs);
                 linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
-                for (r, (acc, scale)) in acc.chunks_exact(width.max(1)).zip(x.scales).enumerate() {
-                    for copy in 0..2 {
-                        let Some(row) = (2 * (source + r) + copy + self.middle()).checked_sub(lead) else { continue };
-                        let out = out.get_mut(row * width..(row + 1) * width).unwrap_or(&mut []);
-                        add_scaled(out, acc, core::slice::from_ref(scale), width);
-                    }
+                for copy in 0..2 {
+                    // Of the sources' copies every other row; those before the first row are left out.
+                    let at = 2 * source + copy + self.middle();
+                    let skip = lead.saturating_sub(at).div_ceil(2);
+                    let out = out.get_mut((at + 2 * skip - lead) * width..).unwrap_or(&mut []);
+                    let acc = acc.get(skip * width..).unwrap_or(&[]);
+                    epilogue::add(out, 2 * width, acc, width, x.scales.get(skip..).unwrap_or(&[]));
                 }
             }
         }
-        self.finish(out);
+        epilogue::scale(out, width, self.affine());
     }
 
     /// Quantises gradients `g [R][N]` with the output scales folded in, which is what the backward passes read.
@@ -211,12 +227,12 @@ impl<'a> Conv1d<'a> {
             let (first, count) = (first + block * BLOCK, out.len() / width.max(1));
             for tap in 0..self.taps {
                 let span = Span::new(first, count, rows, -self.offset(tap));
-                let combine = combine(tap, count, span.as_ref(), out);
+                let combine = combine(tap, count, span.as_ref(), out, false);
                 let Some(span) = span else { continue };
                 let g = g.window(span.source, span.rows, self.outputs);
                 let out = out.get_mut(span.skip * width..).unwrap_or(&mut []);
                 linear_transposed_s16s8(g.q, self.tap(tap), width, self.outputs, acc);
-                combine(out, acc, g.scales, width);
+                combine(out, width, acc, width, g.scales);
             }
         }
     }
@@ -253,7 +269,7 @@ impl<'a> Conv1d<'a> {
                 }
                 let q = block.q.get(..count * width).unwrap_or(&[]);
                 linear_transposed_s16s8(q, self.tap(tap), width, width, acc);
-                add_scaled(block.sums, acc, block.scales.get(..count).unwrap_or(&[]), width);
+                epilogue::add(block.sums, width, acc, width, block.scales.get(..count).unwrap_or(&[]));
             }
             // Rows up to 2 (first + count) are done with before row first + count - 1 is overwritten.
             for (to, from) in g.iter_mut().skip(first * width).zip(block.sums.iter().take(count * width)) {
@@ -273,11 +289,8 @@ impl<'a> Conv1d<'a> {
         self.taps / 2
     }
 
-    #[inline(never)]
-    fn finish(&self, out: &mut [f32]) {
-        for out in out.chunks_exact_mut(self.outputs.max(1)) {
-            wide!(scale_row(out, self.scales, self.biases));
-        }
+    const fn affine(&self) -> Affine<'a> {
+        (self.scales, self.biases)
     }
 }
 
@@ -315,60 +328,23 @@ impl Span {
     }
 }
 
-/// How a tap's sums come into the `count` rows of `out`: the first tap's are put there if it has a source row for each,
-/// which is what adding them to zeros gives; else zeros are, and all taps' sums are added.
-fn combine(tap: usize, count: usize, span: Option<&Span>, out: &mut [f32]) -> fn(&mut [f32], &[i32], &[f32], usize) {
+/// How a tap's sums come into the `count` rows of `out`: the first tap's are put there if it has a source row for each and is
+/// not the last, which is what adding them to zeros gives; else zeros are, and all taps' sums are added.
+fn combine(
+    tap: usize,
+    count: usize,
+    span: Option<&Span>,
+    out: &mut [f32],
+    last: bool,
+) -> fn(&mut [f32], usize, &[i32], usize, &[f32]) {
     if tap > 0 {
-        return add_scaled;
+        return epilogue::add;
     }
-    if span.is_some_and(|span| span.rows == count) {
-        return set_scaled;
+    if !last && span.is_some_and(|span| span.rows == count) {
+        return epilogue::set;
     }
     out.fill(0.0);
-    add_scaled
-}
-
-/// `y[n] = y[n] * scales[n] + biases[n]`.
-#[inline]
-fn scale_row(y: &mut [f32], scales: &[f32], biases: &[f32]) {
-    // Fours, so that the compiler need not find them: it runs out of registers where it looks for itself.
-    let (y_fours, y_rest) = y.as_chunks_mut::<4>();
-    let (scale_fours, scale_rest) = scales.as_chunks::<4>();
-    let (bias_fours, bias_rest) = biases.as_chunks::<4>();
-    for ((y, scales), biases) in y_fours.iter_mut().zip(scale_fours).zip(bias_fours) {
-        for ((y, scale), bias) in y.iter_mut().zip(scales).zip(biases) {
-            *y = *y * *scale + *bias;
-        }
-    }
-    for ((y, scale), bias) in y_rest.iter_mut().zip(scale_rest).zip(bias_rest) {
-        *y = *y * *scale + *bias;
-    }
-}
-
-/// `out[r][n] = acc[r][n] * scales[r]`.
-#[inline(never)]
-fn set_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: usize) {
-    let width = width.max(1);
-    wide!({
-        for ((out, acc), scale) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(scales) {
-            for (y, a) in out.iter_mut().zip(acc) {
-                *y = *a as f32 * *scale;
-            }
-        }
-    });
-}
-
-/// `out[r][n] += acc[r][n] * scales[r]`.
-#[inline(never)]
-pub(super) fn add_scaled(out: &mut [f32], acc: &[i32], scales: &[f32], width: usize) {
-    let width = width.max(1);
-    wide!({
-        for ((out, acc), scale) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(scales) {
-            for (y, a) in out.iter_mut().zip(acc) {
-                *y += *a as f32 * *scale;
-            }
-        }
-    });
+    epilogue::add
 }
 
 /// Sum of magnitudes.

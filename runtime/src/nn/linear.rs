@@ -3,8 +3,9 @@
 //! `y[r][n] = (sx[r] * sum_k q[r][k] w[n][k]) * s[n] + b[n]`; the sum is int32.
 
 use super::conv1d::{Rows, larger, row_bound, weight_norm};
+use super::epilogue;
 use crate::blob::{DType, Error, Tensors};
-use crate::kernels::{linear_s16s4, linear_s16s8, unpacked, wide};
+use crate::kernels::{linear_s16s4, linear_s16s8, unpacked};
 
 /// Rows that go through a transformer's layers together.
 pub const BLOCK: usize = 8;
@@ -130,14 +131,22 @@ impl<'a> Linear<'a> {
     /// `out [R][N]` of `x [R][K]`. `acc` has `R N` numbers, and [`room`](crate::kernels::room) behind them.
     #[inline(never)]
     pub fn forward(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
-        let (outputs, width) = (self.outputs(), self.outputs().max(1));
+        self.multiply(x, acc);
+        epilogue::finish(out, acc, x.scales, (self.scales, self.biases));
+    }
+
+    /// Adds what [`Linear::forward`] would write to `out`.
+    #[inline(never)]
+    pub fn add(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
+        self.multiply(x, acc);
+        epilogue::add_finished(out, acc, x.scales, (self.scales, self.biases));
+    }
+
+    fn multiply(&self, x: Rows<'_>, acc: &mut [i32]) {
         if self.packed() {
-            linear_s16s4(x.q, self.weights, self.inputs, outputs, acc);
+            linear_s16s4(x.q, self.weights, self.inputs, self.outputs(), acc);
         } else {
-            linear_s16s8(x.q, bytemuck::cast_slice(self.weights), self.inputs, outputs, acc);
-        }
-        for ((out, acc), sx) in out.chunks_exact_mut(width).zip(acc.chunks_exact(width)).zip(x.scales) {
-            wide!(finish(out, acc, *sx, self.scales, self.biases));
+            linear_s16s8(x.q, bytemuck::cast_slice(self.weights), self.inputs, self.outputs(), acc);
         }
     }
 }
@@ -146,22 +155,4 @@ impl<'a> Linear<'a> {
 #[inline(never)]
 fn packed_norm(weights: &[u8]) -> u32 {
     weights.as_chunks().0.iter().fold(0, |sum, group| sum + weight_norm(Some(&unpacked(group))))
-}
-
-/// `y[n] = acc[n] * sx * scales[n] + biases[n]`.
-#[inline]
-fn finish(y: &mut [f32], acc: &[i32], sx: f32, scales: &[f32], biases: &[f32]) {
-    // Fours, so that the compiler need not find them: it runs out of registers where it looks for itself.
-    let (y_fours, y_rest) = y.as_chunks_mut::<4>();
-    let (acc_fours, acc_rest) = acc.as_chunks::<4>();
-    let (scale_fours, scale_rest) = scales.as_chunks::<4>();
-    let (bias_fours, bias_rest) = biases.as_chunks::<4>();
-    for (((y, acc), scales), biases) in y_fours.iter_mut().zip(acc_fours).zip(scale_fours).zip(bias_fours) {
-        for (((y, a), scale), bias) in y.iter_mut().zip(acc).zip(scales).zip(biases) {
-            *y = *a as f32 * sx * *scale + *bias;
-        }
-    }
-    for (((y, a), scale), bias) in y_rest.iter_mut().zip(acc_rest).zip(scale_rest).zip(bias_rest) {
-        *y = *a as f32 * sx * *scale + *bias;
-    }
 }

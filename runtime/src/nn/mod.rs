@@ -9,6 +9,7 @@ pub mod block;
 pub mod conv1d;
 pub mod embedding;
 pub mod encoder;
+mod epilogue;
 pub mod exp;
 pub mod linear;
 pub mod mask;

@@ -3,8 +3,8 @@
 //! Root velocities integrate over time, so their rows are stored with 16 bits, as two int8 planes: no kernel is added
 //! (`acc = 256 acc_high + acc_low`, combined in f32) and nothing overflows.
 
-use super::conv1d::{BLOCK, Rows, Shape, Span, add_scaled, larger, planes_follow, row_bound, weight_norm};
-use super::quantise;
+use super::conv1d::{BLOCK, Rows, Shape, Span, larger, planes_follow, row_bound, weight_norm};
+use super::{epilogue, quantise};
 use crate::blob::{Error, Tensors};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8, wide};
 use heapless::Vec;
@@ -216,56 +216,31 @@ impl<'a> Output<'a> {
                 let mut column = 0;
                 for range in channels.ranges() {
                     let (wide, narrow) = self.split(range);
-                    self.forward_wide(q, scales, tap, wide, Columns { out, width, first: column }, scratch);
+                    if wide.count > 0 {
+                        let out = out.get_mut(column..).unwrap_or(&mut []);
+                        let (high, low) = (&mut *scratch.acc, &mut *scratch.acc_low);
+                        linear_s16s8(q, self.rows(self.high, self.wide, tap, wide), self.inputs, wide.count, high);
+                        linear_s16s8(q, self.rows(self.low, self.wide, tap, wide), self.inputs, wide.count, low);
+                        epilogue::add_planes(out, width, high, low, wide.count, scales);
+                    }
                     column += wide.count;
                     if narrow.count > 0 {
+                        let out = out.get_mut(column..).unwrap_or(&mut []);
                         let weights = self.rows(self.weights, self.outputs - self.wide, tap, narrow);
                         linear_s16s8(q, weights, self.inputs, narrow.count, scratch.acc);
-                        let columns = Columns { out, width, first: column };
-                        for ((out, acc), scale) in
-                            columns.rows(narrow.count).zip(scratch.acc.chunks_exact(narrow.count.max(1))).zip(scales)
-                        {
-                            add_scaled(out, acc, core::slice::from_ref(scale), narrow.count);
-                        }
-                        column += narrow.count;
+                        epilogue::add(out, width, scratch.acc, narrow.count, scales);
                     }
+                    column += narrow.count;
                 }
             }
         }
-        for out in out.chunks_exact_mut(width) {
-            let mut rest = out;
-            for range in channels.ranges() {
-                let Some((part, others)) = core::mem::take(&mut rest).split_at_mut_checked(range.count) else { break };
-                let constants = range.first..range.first + range.count;
-                let scales = self.scales.get(constants.clone()).unwrap_or(&[]);
-                let biases = self.biases.get(constants).unwrap_or(&[]);
-                wide!({
-                    for ((y, scale), bias) in part.iter_mut().zip(scales).zip(biases) {
-                        *y = *y * *scale + *bias;
-                    }
-                });
-                rest = others;
-            }
-        }
-    }
-
-    fn forward_wide(
-        &self,
-        q: &[i16],
-        scales: &[f32],
-        tap: usize,
-        wide: Range,
-        columns: Columns<'_>,
-        scratch: &mut Scratch<'_>,
-    ) {
-        if wide.count == 0 {
-            return;
-        }
-        linear_s16s8(q, self.rows(self.high, self.wide, tap, wide), self.inputs, wide.count, scratch.acc);
-        linear_s16s8(q, self.rows(self.low, self.wide, tap, wide), self.inputs, wide.count, scratch.acc_low);
-        let acc = scratch.acc.chunks_exact(wide.count.max(1)).zip(scratch.acc_low.chunks_exact(wide.count.max(1)));
-        for ((out, (high, low)), scale) in columns.rows(wide.count).zip(acc).zip(scales) {
-            add_planes(out, high, low, *scale);
+        let mut column = 0;
+        for range in channels.ranges() {
+            let constants = range.first..range.first + range.count;
+            let scales = self.scales.get(constants.clone()).unwrap_or(&[]);
+            let biases = self.biases.get(constants).unwrap_or(&[]);
+            epilogue::scale(out.get_mut(column..).unwrap_or(&mut []), width, (scales, biases));
+            column += range.count;
         }
     }
 
@@ -363,17 +338,14 @@ impl<'a> Output<'a> {
                 let low = self.rows(self.low, self.wide, tap, wide);
                 linear_transposed_s16s8(q, high, self.inputs, wide.count, scratch.acc);
                 linear_transposed_s16s8(q, low, self.inputs, wide.count, scratch.acc_low);
-                let sums = scratch.acc.chunks_exact(width).zip(scratch.acc_low.chunks_exact(width));
-                for ((dx, (high, low)), scale) in dx.chunks_exact_mut(width).zip(sums).zip(wide_scales) {
-                    add_planes(dx, high, low, *scale);
-                }
+                epilogue::add_planes(dx, width, scratch.acc, scratch.acc_low, width, wide_scales);
             }
             column += wide.count;
             if narrow.count > 0 {
                 let q = scratch.q.get(part(column, narrow.count)).unwrap_or(&[]);
                 let weights = self.rows(self.weights, self.outputs - self.wide, tap, narrow);
                 linear_transposed_s16s8(q, weights, self.inputs, narrow.count, scratch.acc);
-                add_scaled(dx, scratch.acc, narrow_scales, self.inputs);
+                epilogue::add(dx, width, scratch.acc, width, narrow_scales);
             }
             column += narrow.count;
         }
@@ -392,32 +364,5 @@ impl<'a> Output<'a> {
     fn rows(&self, plane: &'a [i8], rows: usize, tap: usize, range: Range) -> &'a [i8] {
         let first = (tap * rows + range.first) * self.inputs;
         plane.get(first..first + range.count * self.inputs).unwrap_or(&[])
-    }
-}
-
-/// `out[n] += (256 high[n] + low[n]) * scale`.
-#[inline(never)]
-fn add_planes(out: &mut [f32], high: &[i32], low: &[i32], scale: f32) {
-    wide!({
-        for ((y, high), low) in out.iter_mut().zip(high).zip(low) {
-            *y += (*high as f32 * 256.0 + *low as f32) * scale;
-        }
-    });
-}
-
-/// Some columns of rows that are `width` wide.
-struct Columns<'a> {
-    out: &'a mut [f32],
-    width: usize,
-    first: usize,
-}
-
-impl<'a> Columns<'a> {
-    /// The `count` columns of each row.
-    fn rows(self, count: usize) -> impl Iterator<Item = &'a mut [f32]> {
-        let first = self.first;
-        self.out
-            .chunks_exact_mut(self.width.max(1))
-            .map(move |row| row.get_mut(first..first + count).unwrap_or(&mut []))
     }
 }

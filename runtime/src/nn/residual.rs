@@ -73,8 +73,7 @@ impl Residual<'_> {
                 q: scratch.q.get(..count * width).unwrap_or(&[]),
                 scales: scratch.scales.get(..count).unwrap_or(&[]),
             };
-            self.conv2.forward(rows, 0, hidden, scratch.acc);
-            add(x, hidden);
+            self.conv2.add_pointwise(rows, x, scratch.acc);
         }
     }
 
