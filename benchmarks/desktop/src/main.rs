@@ -50,7 +50,7 @@ struct Options {
     /// Seconds a row is timed.
     #[arg(long, default_value_t = 15.0)]
     seconds: f64,
-    /// Folder for desktop.md and desktop.json.
+    /// Folder for desktop.md and desktop.json, or desktop-avx2 without AVX-512 VNNI.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print one machine-readable object as the last line.
@@ -82,9 +82,10 @@ fn main() -> Result<()> {
     let report = Report { desktop, checks, machine: Machine::here() };
     println!("{}", report.page());
     if let Some(folder) = &options.out {
-        write_atomic(folder.join("desktop.md"), |to| to.write_all(report.page().as_bytes()))?;
+        let name = report.machine.report();
+        write_atomic(folder.join(format!("{name}.md")), |to| to.write_all(report.page().as_bytes()))?;
         let json = serde_json::to_string_pretty(&report)?;
-        write_atomic(folder.join("desktop.json"), |to| writeln!(to, "{json}"))?;
+        write_atomic(folder.join(format!("{name}.json")), |to| writeln!(to, "{json}"))?;
     }
     if options.json {
         println!("{}", serde_json::to_string(&report)?);

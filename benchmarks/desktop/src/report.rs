@@ -134,13 +134,29 @@ impl Machine {
     }
 }
 
+impl Machine {
+    /// Name of the report's files: machines whose widest kernels differ have one each.
+    #[must_use]
+    pub fn report(&self) -> &'static str {
+        let has = |name| self.instructions.contains(&name);
+        match (has(VNNI), has(AVX2)) {
+            (true, _) => "desktop",
+            (false, true) => "desktop-avx2",
+            (false, false) => "desktop-portable",
+        }
+    }
+}
+
+const AVX2: &str = "AVX2";
+const VNNI: &str = "AVX-512 VNNI";
+
 #[cfg(target_arch = "x86_64")]
 fn instructions() -> Vec<&'static str> {
     let all = [
-        ("AVX2", is_x86_feature_detected!("avx2")),
+        (AVX2, is_x86_feature_detected!("avx2")),
         ("FMA", is_x86_feature_detected!("fma")),
         ("AVX-512F", is_x86_feature_detected!("avx512f")),
-        ("AVX-512 VNNI", is_x86_feature_detected!("avx512vnni")),
+        (VNNI, is_x86_feature_detected!("avx512vnni")),
     ];
     all.into_iter().filter_map(|(name, has)| has.then_some(name)).collect()
 }
@@ -208,7 +224,8 @@ impl Report {
             "\n## How\n\n\
              - {cpu} ({}); `RUSTFLAGS={rustflags}`; {}. The runtime needs no flags: it chooses its kernels when it runs.\n\
              - One thread: `RAYON_NUM_THREADS=1`, candle without mkl or accelerate, tract's executor `SingleThread`. candle's matrix \
-             products use AVX-512 (gemm's feature `x86-v4`), which is off unless asked for; tract chooses its kernels when it runs.\n\
+             products use AVX-512 where there is one (gemm's feature `x86-v4`), which is off unless asked for; tract chooses its \
+             kernels when it runs.\n\
              - Rounds are paired: all contenders run in turn in every round, in changing order. Times are processor \
              time of the whole process, medians over the rounds; ratios are formed in each round.\n\
              - A peer with several ways counts by its fastest. candle: its convolution operator, or one matrix product over the taps \
