@@ -26,14 +26,15 @@ struct Panel {
 /// of which nothing is missing, and pairs of terms.
 #[target_feature(enable = "avx2")]
 pub fn forward(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) -> bool {
-    if !inputs.is_multiple_of(2) || !serves(x, w, (inputs, outputs), 2 * PAIRS, acc) {
+    if !inputs.is_multiple_of(2) || outputs < SUMS || !serves(x, w, (inputs, outputs), 2 * PAIRS, acc) {
         return false;
     }
     let mut panel = Panel::new();
     for first in (0..outputs).step_by(SUMS) {
-        let sums = (outputs - first).min(SUMS);
-        panel.put_turned(w.get(first * inputs..(first + sums) * inputs).unwrap_or(&[]), inputs);
-        panel.multiply(x, inputs, first, sums, acc, outputs);
+        // Where fewer sums are left than a panel has, it takes some again.
+        let first = first.min(outputs - SUMS);
+        panel.put_turned(w.get(first * inputs..(first + SUMS) * inputs).unwrap_or(&[]), inputs);
+        panel.multiply(x, inputs, first, acc, outputs);
     }
     true
 }
@@ -41,17 +42,18 @@ pub fn forward(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i3
 /// `acc[r][k] = sum of g[r][n] w[n][k]` for `g [rows][N]`, `w [N][K]`, `acc [rows][K]`. Returns whether it did, as [`forward`].
 #[target_feature(enable = "avx2")]
 pub fn transposed(g: &[i16], w: &[i8], outputs: usize, inputs: usize, acc: &mut [i32]) -> bool {
-    if !serves(g, w, (outputs, inputs), 2 * PAIRS, acc) {
+    if inputs < SUMS || !serves(g, w, (outputs, inputs), 2 * PAIRS, acc) {
         return false;
     }
     let mut panel = Panel::new();
     for first in (0..inputs).step_by(SUMS) {
+        let first = first.min(inputs - SUMS);
         for (pair, w) in panel.pairs.iter_mut().zip(w.chunks_exact(2 * inputs)) {
             let (even, odd) = w.split_at_checked(inputs).unwrap_or((&[], &[]));
             let (even, odd) = (channels(even, first), channels(odd, first));
             pair.write(_mm256_set_m128i(_mm_unpackhi_epi8(even, odd), _mm_unpacklo_epi8(even, odd)));
         }
-        panel.multiply(g, outputs, first, (inputs - first).min(SUMS), acc, inputs);
+        panel.multiply(g, outputs, first, acc, inputs);
     }
     if let (false, Some(last)) = (outputs.is_multiple_of(2), w.get((outputs - 1) * inputs..)) {
         add_last(g, outputs, last, acc);
@@ -65,11 +67,11 @@ impl Panel {
         Panel { pairs: [const { MaybeUninit::uninit() }; PAIRS] }
     }
 
-    /// Packs up to 16 rows of weights, turned over.
+    /// Packs 16 rows of weights, turned over.
     #[inline]
     #[target_feature(enable = "avx2")]
     fn put_turned(&mut self, w: &[i8], inputs: usize) {
-        let whole = if w.len() < SUMS * inputs { 0 } else { inputs / SQUARE };
+        let whole = if w.len() == SUMS * inputs { inputs / SQUARE } else { 0 };
         let (squares, _) = self.pairs.as_chunks_mut();
         for (square, pairs) in squares.iter_mut().take(inputs.div_ceil(SQUARE)).enumerate() {
             let at = square * SQUARE;
@@ -84,10 +86,10 @@ impl Panel {
         }
     }
 
-    /// Sums `first..first + sums` of rows `x [rows][terms]`, into `acc [rows][width]`.
+    /// 16 sums from `first` on of rows `x [rows][terms]`, into `acc [rows][width]`.
     #[inline]
     #[target_feature(enable = "avx2")]
-    fn multiply(&self, x: &[i16], terms: usize, first: usize, sums: usize, acc: &mut [i32], width: usize) {
+    fn multiply(&self, x: &[i16], terms: usize, first: usize, acc: &mut [i32], width: usize) {
         let rows = (x.len() / terms).min(acc.len() / width);
         let mut at = 0;
         while at < rows {
@@ -105,18 +107,9 @@ impl Panel {
                 acc: acc.as_mut_ptr(),
                 width: 4 * width,
             };
-            if sums == SUMS {
-                // SAFETY: there are as many rows of `x` and `acc` from here on as the tile has, 16 sums in each of the latter, and
-                // `terms / 2` rows of the panel have been packed.
-                unsafe { tile.of(count) };
-            } else {
-                let mut whole = [[0; SUMS]; TALL];
-                // SAFETY: as above, but that `whole` takes the sums.
-                unsafe { Tile { acc: whole.as_mut_ptr().cast(), width: 4 * SUMS, ..tile }.of(count) };
-                for (acc, whole) in acc.chunks_mut(width).zip(whole.iter().take(count)) {
-                    acc.iter_mut().zip(whole.iter().take(sums)).for_each(|(to, from)| *to = *from);
-                }
-            }
+            // SAFETY: there are as many rows of `x` and `acc` from here on as the tile has, 16 sums in each of the latter, and
+            // `terms / 2` rows of the panel have been packed.
+            unsafe { tile.of(count) };
             at += count;
         }
     }
