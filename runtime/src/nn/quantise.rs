@@ -31,15 +31,15 @@ fn round(v: f32) -> i16 {
 /// The largest magnitude of a row that is worth quantising; `None` stores zeros.
 #[inline]
 fn largest(x: &[f32]) -> Option<f32> {
-    // Magnitudes of finite numbers order as their bit patterns do.
+    // Magnitudes of finite numbers order as their bit patterns do, without the sign.
     let mut largest = 0u32;
     for v in x {
-        let magnitude = v.to_bits() & 0x7FFF_FFFF;
+        let magnitude = v.to_bits() << 1;
         if magnitude > largest {
             largest = magnitude;
         }
     }
-    let largest = f32::from_bits(largest);
+    let largest = f32::from_bits(largest >> 1);
     if largest > TINY && largest.is_finite() { Some(largest) } else { None }
 }
 
