@@ -53,7 +53,7 @@
 //!
 //! # Features
 //! `default = []`. `defmt`: `defmt::Format` on public types and progress messages; off it costs zero bytes.
-//! `dsp`, `mve`: kernels for Armv8-M cores that have the DSP extension (most Cortex-M33) or integer MVE (Cortex-M55); Armv7E-M
+//! `dsp`, `mve`: kernels for Armv8-M cores that have the DSP extension (most Cortex-M33) or MVE with floating point (Cortex-M55); Armv7E-M
 //! (Cortex-M4, M7) and x86-64 need no feature, other targets take no notice. `check-kernels`: [`kernels`] come with the runner
 //! that compares them with the portable ones on a device. `count`: they count multiply-accumulates, for tests of plans.
 //! `pwm`, `pca9685`, `sts3215`: outputs of [`playback`], on `embedded-hal` and `embedded-io`.

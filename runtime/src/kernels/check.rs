@@ -11,6 +11,12 @@ pub type Kernel = fn(&[i16], &[i8], usize, usize, &mut [i32]);
 /// The same with 4-bit weights.
 pub type Kernel4 = fn(&[i16], &[u8], usize, usize, &mut [i32]);
 
+/// Largest magnitude of a row.
+pub type Largest = fn(&[f32]) -> u32;
+
+/// Rounding of a row: numbers, factor, integers.
+pub type Round = fn(&[f32], f32, &mut [i16]);
+
 /// A variant of all kernels.
 #[derive(Debug, Clone, Copy)]
 pub struct Variant {
@@ -20,6 +26,10 @@ pub struct Variant {
     pub linear4: Kernel4,
     /// Of [`super::linear_transposed_s16s8`].
     pub transposed: Kernel,
+    /// Of [`super::largest_magnitude`].
+    pub largest: Largest,
+    /// Of [`super::round_scaled`].
+    pub round: Round,
 }
 
 /// One of a variant's kernels.
@@ -31,16 +41,27 @@ pub enum Which {
     Linear4,
     /// [`Variant::transposed`].
     Transposed,
+    /// [`Variant::largest`].
+    Largest,
+    /// [`Variant::round`].
+    Round,
 }
 
 /// What this target runs.
-pub const CHOSEN: Variant =
-    Variant { linear: super::linear_s16s8, linear4: super::linear_s16s4, transposed: super::linear_transposed_s16s8 };
+pub const CHOSEN: Variant = Variant {
+    linear: super::linear_s16s8,
+    linear4: super::linear_s16s4,
+    transposed: super::linear_transposed_s16s8,
+    largest: super::largest_magnitude,
+    round: super::round_scaled,
+};
 /// The specification.
 pub const PORTABLE: Variant = Variant {
     linear: portable::linear_s16s8,
     linear4: portable::linear_s16s4,
     transposed: portable::linear_transposed_s16s8,
+    largest: portable::largest_magnitude,
+    round: portable::round_scaled,
 };
 
 const ROWS: [usize; 12] = [0, 1, 2, 3, 4, 5, 7, 11, 12, 13, 16, 19];
@@ -128,7 +149,45 @@ pub fn run(variant: &Variant, buffers: &mut Buffers) -> Result<u32, Mismatch> {
             }
         }
     }
+    for inputs in INPUTS {
+        for values in [Values::Random, Values::Extreme] {
+            for skew in 0..SLACK {
+                let [largest, round] = [Which::Largest, Which::Round].map(|which| {
+                    let shape = [1, inputs, 0];
+                    Mismatch { which, shape, values, skew, extra: 0, roomy: false }
+                });
+                rounds_alike(variant, &largest, &round)?;
+                cases += 2;
+            }
+        }
+    }
     Ok(cases)
+}
+
+/// Compares how a row is quantised: its largest magnitude, then its integers by that.
+fn rounds_alike(variant: &Variant, largest: &Mismatch, round: &Mismatch) -> Result<(), Mismatch> {
+    let ([_, count, _], lent) = (largest.shape, largest.skew..largest.skew + largest.shape[1]);
+    let mut stream = Stream::new((7 * count + largest.skew) as u64);
+    // Any finite number, or numbers of like size.
+    let mut x = [0.0; WIDEST + SLACK];
+    for x in &mut x {
+        let exponent = match largest.values {
+            Values::Random => 100 + stream.below(40),
+            Values::Extreme => stream.below(255),
+        };
+        *x = f32::from_bits(stream.below(2) << 31 | exponent << 23 | stream.below(1 << 23));
+    }
+    let x = x.get(lent.clone()).unwrap_or(&[]);
+    let magnitude = (PORTABLE.largest)(x);
+    if (variant.largest)(x) != magnitude {
+        return Err(*largest);
+    }
+    let top = f32::from_bits(magnitude >> 1);
+    let factor = f32::from(i16::MAX) / if top > 1e-30 { top } else { 1.0 };
+    let (mut want, mut got) = ([7; WIDEST + SLACK], [7; WIDEST + SLACK]);
+    (PORTABLE.round)(x, factor, want.get_mut(lent.clone()).unwrap_or(&mut []));
+    (variant.round)(x, factor, got.get_mut(lent).unwrap_or(&mut []));
+    if want == got { Ok(()) } else { Err(*round) }
 }
 
 fn shapes() -> impl Iterator<Item = (usize, usize, usize)> {
@@ -162,6 +221,7 @@ fn agrees(variant: &Variant, case: &Mismatch, buffers: &mut Buffers) -> bool {
     };
     for (variant, acc) in [(&PORTABLE, want), (variant, got)] {
         match case.which {
+            Which::Largest | Which::Round => return false,
             Which::Linear => (variant.linear)(x, w, inputs, outputs, acc),
             Which::Linear4 => (variant.linear4)(x, bytemuck::cast_slice(w), inputs, outputs, acc),
             Which::Transposed => (variant.transposed)(x, w, inputs, outputs, acc),

@@ -1,7 +1,7 @@
 //! Integer inner loops: int16 activations times int8 or 4-bit weights, int32 accumulators.
 //!
 //! The portable implementation is the specification and what every other target runs. Cortex-M cores with the DSP extension
-//! or MVE have loops in assembly. x86-64 has AVX2 and AVX-512 variants, of which the best that processor and system support
+//! or MVE have loops in assembly, with MVE for the rounding of activations, too. x86-64 has AVX2 and AVX-512 variants, of which the best that processor and system support
 //! is chosen at the first call; there the loops over f32 around the integers gain from wide registers as well: [`widened`].
 //! Callers guarantee by the range of the activations ([`crate::nn::quantise::limit`]) that no accumulator can overflow,
 //! and all variants wrap where one does, so every order of summation gives the same bits.
@@ -21,13 +21,14 @@ mod tests;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+pub use chosen::{largest_magnitude, round_scaled};
 #[cfg(not(feature = "count"))]
 pub use chosen::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(feature = "count")]
 pub use count::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(not(target_arch = "x86_64"))]
 pub use portable::widened;
-pub use portable::{GROUP, GROUP_BYTES, relu, unpacked};
+pub use portable::{GROUP, GROUP_BYTES, relu, round, unpacked};
 #[cfg(target_arch = "x86_64")]
 pub use x86::widened;
 
@@ -54,8 +55,12 @@ pub(crate) use wide;
 
 /// What this target runs.
 mod chosen {
+    #[cfg(kernels = "mve")]
+    pub use super::arm::{largest_magnitude, round_scaled};
     #[cfg(kernels)]
     pub use super::arm::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
+    #[cfg(not(kernels = "mve"))]
+    pub use super::portable::{largest_magnitude, round_scaled};
     #[cfg(not(any(kernels, target_arch = "x86_64")))]
     pub use super::portable::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
     #[cfg(target_arch = "x86_64")]

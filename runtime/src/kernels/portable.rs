@@ -79,6 +79,39 @@ pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usiz
     }
 }
 
+/// The largest magnitude of `x`, as bits without the sign, shifted to its place: so finite numbers order, and what is not
+/// finite is larger. 0 where there are none.
+#[inline(always)]
+#[must_use]
+pub fn largest_magnitude(x: &[f32]) -> u32 {
+    let mut largest = 0;
+    for v in x {
+        let magnitude = v.to_bits() << 1;
+        if magnitude > largest {
+            largest = magnitude;
+        }
+    }
+    largest
+}
+
+/// `q[k] = round(x[k] * factor)`, as many as both have.
+#[inline(always)]
+pub fn round_scaled(x: &[f32], factor: f32, q: &mut [i16]) {
+    for (q, v) in q.iter_mut().zip(x) {
+        *q = round(*v * factor);
+    }
+}
+
+/// Adding this to `|v| < 2^22` leaves the nearest integer (ties to even) in the low mantissa bits.
+const ROUND: f32 = 12_582_912.0;
+
+/// The nearest integer to `v`, ties to even, for `|v| < 2^15`.
+#[inline(always)]
+#[must_use]
+pub fn round(v: f32) -> i16 {
+    (v + ROUND).to_bits() as i16
+}
+
 /// `x <- relu(x)`; bit k says whether `x[k]` was positive.
 #[inline(always)]
 pub fn relu(x: &mut [f32]) -> u32 {

@@ -14,11 +14,13 @@ fn variants() -> Vec<(String, Variant)> {
             linear: |x, w, k, n, acc| Isa::Avx2.linear_s16s8(x, w, k, n, acc),
             linear4: |x, w, k, n, acc| Isa::Avx2.linear_s16s4(x, w, k, n, acc),
             transposed: |g, w, k, n, acc| Isa::Avx2.linear_transposed_s16s8(g, w, k, n, acc),
+            ..CHOSEN
         };
         let avx512 = Variant {
             linear: |x, w, k, n, acc| Isa::Avx512.linear_s16s8(x, w, k, n, acc),
             linear4: |x, w, k, n, acc| Isa::Avx512.linear_s16s4(x, w, k, n, acc),
             transposed: |g, w, k, n, acc| Isa::Avx512.linear_transposed_s16s8(g, w, k, n, acc),
+            ..CHOSEN
         };
         for (isa, variant) in [(Isa::Avx2, avx2), (Isa::Avx512, avx512)] {
             if isa.supported() == isa {
@@ -124,4 +126,8 @@ fn the_runner_finds_a_wrong_kernel() {
     };
     let mismatch = run(&wrong, &mut Box::new(Buffers::new())).expect_err("it differs");
     assert_eq!((mismatch.which, mismatch.shape), (Which::Linear, [1, 16, 33]));
+    let truncating =
+        Variant { round: |x, factor, q| q.iter_mut().zip(x).for_each(|(q, x)| *q = (x * factor) as i16), ..CHOSEN };
+    let mismatch = run(&truncating, &mut Box::new(Buffers::new())).expect_err("it differs");
+    assert_eq!(mismatch.which, Which::Round);
 }

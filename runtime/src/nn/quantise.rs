@@ -2,7 +2,7 @@
 //!
 //! The scale covers the row's channels only, never time: a sequence processed in segments gives the same bits.
 
-use crate::kernels::wide;
+use crate::kernels::{largest_magnitude, round, round_scaled, wide};
 
 /// Largest magnitude an activation may take so that `terms` products with an int8 weight fit an int32.
 ///
@@ -14,32 +14,16 @@ pub const fn limit(terms: usize) -> i16 {
     if fits > i16::MAX as usize { i16::MAX } else { fits as i16 }
 }
 
-/// Adding this to `|v| < 2^22` leaves the nearest integer (ties to even) in the low mantissa bits.
-const ROUND: f32 = 12_582_912.0;
 /// Rows with no value above this are stored as zeros: their reciprocal would leave the normal range.
 const TINY: f32 = 1e-30;
 
 /// Largest int8 magnitude.
 const NARROW: f32 = 127.0;
 
-/// The nearest integer to `v`, ties to even, for `|v| < 2^15`.
-#[inline]
-fn round(v: f32) -> i16 {
-    (v + ROUND).to_bits() as i16
-}
-
 /// The largest magnitude of a row that is worth quantising; `None` stores zeros.
-#[inline]
+#[inline(always)]
 fn largest(x: &[f32]) -> Option<f32> {
-    // Magnitudes of finite numbers order as their bit patterns do, without the sign.
-    let mut largest = 0u32;
-    for v in x {
-        let magnitude = v.to_bits() << 1;
-        if magnitude > largest {
-            largest = magnitude;
-        }
-    }
-    let largest = f32::from_bits(largest >> 1);
+    let largest = f32::from_bits(largest_magnitude(x) >> 1);
     if largest > TINY && largest.is_finite() { Some(largest) } else { None }
 }
 
@@ -87,9 +71,7 @@ fn scaled(x: &[f32], factor: f32, q: &mut [i16]) {
         q.fill(0);
         return;
     }
-    for (q, v) in q.iter_mut().zip(x) {
-        *q = round(*v * factor);
-    }
+    round_scaled(x, factor, q);
 }
 
 /// The same to int8, `|q[k]| <= 127`: keys and values of attention.

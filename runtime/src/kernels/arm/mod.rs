@@ -9,4 +9,4 @@ mod mve;
 #[cfg(kernels = "dsp")]
 pub use dsp::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(kernels = "mve")]
-pub use mve::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
+pub use mve::{largest_magnitude, linear_s16s4, linear_s16s8, linear_transposed_s16s8, round_scaled};

@@ -1,4 +1,7 @@
-//! Armv8.1-M with integer MVE: Cortex-M55, M85.
+//! Armv8.1-M with MVE, floating point included: Cortex-M55, M85.
+//!
+//! MVE flushes what is not normal to zero. Where activations are rounded that changes no bit: their row's largest is
+//! scaled to the range of int16, and so far below it all numbers become zeros.
 
 use super::super::portable::{self, GROUP};
 use core::arch::global_asm;
@@ -28,6 +31,21 @@ unsafe extern "C" {
     fn mtn_mve_dot3(shape: *const Shape);
     fn mtn_mve_dot3_s4(shape: *const Shape);
     fn mtn_mve_dot3_transposed(shape: *const Shape);
+    fn mtn_mve_largest(x: *const f32, count: usize) -> u32;
+    fn mtn_mve_round(x: *const f32, count: usize, factor: u32, q: *mut i16);
+}
+
+/// See [`portable::largest_magnitude`].
+pub fn largest_magnitude(x: &[f32]) -> u32 {
+    // SAFETY: so many numbers are read.
+    unsafe { mtn_mve_largest(x.as_ptr(), x.len()) }
+}
+
+/// See [`portable::round_scaled`].
+pub fn round_scaled(x: &[f32], factor: f32, q: &mut [i16]) {
+    let count = if x.len() < q.len() { x.len() } else { q.len() };
+    // SAFETY: so many numbers are read, and written.
+    unsafe { mtn_mve_round(x.as_ptr(), count, factor.to_bits(), q.as_mut_ptr()) };
 }
 
 /// See [`portable::linear_s16s8`].

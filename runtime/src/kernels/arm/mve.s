@@ -1,4 +1,4 @@
-@ int16 rows times int8 weights with integer MVE (Armv8.1-M): three rows by two channels, eight products an instruction.
+@ int16 rows times int8 weights with MVE (Armv8.1-M): three rows by two channels, eight products an instruction.
 @ Loops are tail-predicated, so any width goes, and rows need no packing.
 
 .syntax unified
@@ -175,3 +175,42 @@ mtn_mve mtn_mve_dot3, 0
 mtn_mve mtn_mve_dot3_transposed, 1
 
 .text
+
+@ mtn_mve_largest(x, count): the largest magnitude, as bits shifted left by one.
+.section .text.mtn_mve_largest, "ax", %progbits
+.p2align 2
+.global mtn_mve_largest
+.type mtn_mve_largest, %function
+.thumb_func
+mtn_mve_largest:
+  push {r7, lr}
+  movs r2, #0
+  wlstp.32 lr, r1, 2f
+1:
+  vldrw.u32 q0, [r0], #16
+  vshl.i32 q0, q0, #1
+  vmaxv.u32 r2, q0
+  letp lr, 1b
+2:
+  mov r0, r2
+  pop {r7, pc}
+
+@ mtn_mve_round(x, count, factor, q): the integers nearest to x times factor. What is added leaves them in the low half.
+.section .text.mtn_mve_round, "ax", %progbits
+.p2align 2
+.global mtn_mve_round
+.type mtn_mve_round, %function
+.thumb_func
+mtn_mve_round:
+  push {r7, lr}
+  movw r12, #0
+  movt r12, #0x4B40
+  wlstp.32 lr, r1, 2f
+1:
+  vldrw.u32 q0, [r0], #16
+  vmul.f32 q0, q0, r2
+  vadd.f32 q0, q0, r12
+  vstrh.32 q0, [r3], #8
+  letp lr, 1b
+2:
+  pop {r7, pc}
