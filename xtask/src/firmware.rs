@@ -28,7 +28,7 @@ pub struct Core {
 pub const M4: Core = Core { name: "m4", title: "Cortex-M4F, M7", target: THUMB_V7, kernels: None };
 /// Cortex-M33 with the DSP extension.
 pub const M33: Core = Core { name: "m33", title: "Cortex-M33", target: THUMB_V8, kernels: Some("dsp") };
-/// Cortex-M55 with integer MVE.
+/// Cortex-M55 with MVE, floating point included.
 pub const M55: Core = Core { name: "m55", title: "Cortex-M55", target: THUMB_V8, kernels: Some("mve") };
 /// All of them.
 pub const CORES: [Core; 3] = [M4, M33, M55];
