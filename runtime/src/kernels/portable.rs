@@ -112,11 +112,11 @@ pub fn round(v: f32) -> i16 {
     (v + ROUND).to_bits() as i16
 }
 
-/// `x <- relu(x)`; bit k says whether `x[k]` was positive.
+/// `x <- relu(x)` for at most 32 numbers, others are left as they are; bit k says whether `x[k]` was positive.
 #[inline(always)]
 pub fn relu(x: &mut [f32]) -> u32 {
     let mut bits = 0;
-    for (k, v) in x.iter_mut().enumerate() {
+    for (k, v) in x.iter_mut().take(32).enumerate() {
         if *v > 0.0 {
             bits |= 1 << k;
         } else {
