@@ -8,6 +8,10 @@ use serde::Serialize;
 
 use crate::timing::quantile;
 
+/// Instruction sets that the runtime has its widest kernels for.
+const AVX2: &str = "AVX2";
+const VNNI: &str = "AVX-512 VNNI";
+
 /// Who computes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Library {
@@ -132,9 +136,7 @@ impl Machine {
             threads: 1,
         }
     }
-}
 
-impl Machine {
     /// Name of the report's files: machines whose widest kernels differ have one each.
     #[must_use]
     pub fn report(&self) -> &'static str {
@@ -146,9 +148,6 @@ impl Machine {
         }
     }
 }
-
-const AVX2: &str = "AVX2";
-const VNNI: &str = "AVX-512 VNNI";
 
 #[cfg(target_arch = "x86_64")]
 fn instructions() -> Vec<&'static str> {

@@ -174,8 +174,6 @@ mtn_mve_dot3_s4:
 mtn_mve mtn_mve_dot3, 0
 mtn_mve mtn_mve_dot3_transposed, 1
 
-.text
-
 @ mtn_mve_largest(x, count): the largest magnitude, as bits shifted left by one.
 .section .text.mtn_mve_largest, "ax", %progbits
 .p2align 2
@@ -214,3 +212,5 @@ mtn_mve_round:
   letp lr, 1b
 2:
   pop {r7, pc}
+
+.text
