@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use clap::Args;
 use motionette::Model;
+use motionette::planning::ROWS;
 use motionette::playback::output::Runner;
 use motionette::playback::{Ends, Feeder, Line, Player, Robot};
 use motionette_host::convert::AlignedBlob;
@@ -250,7 +251,7 @@ fn think(feeder: &mut Feeder<'static, CHANNELS>, station: Shared) -> Result<()> 
         });
         match blob.as_ref().map(|blob| Model::open(blob.bytes())) {
             Some(Ok(model)) => {
-                thread::run(&model, bytemuck::cast_slice_mut(&mut arena), feeder, &mut desk)?;
+                thread::run(&model, bytemuck::cast_slice_mut(&mut arena), ROWS, feeder, &mut desk)?;
                 continue;
             }
             Some(Err(error)) => say(&format!("the blob is refused: {error}")),

@@ -1,6 +1,7 @@
 //! What a blob and a request need, before anything is flashed: arena, flash, work.
 
 use motionette::blob::{DType, HEADER_LEN};
+use motionette::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use motionette::planning;
 use motionette::playback::line::line_bytes;
 use motionette::playback::robot::MAX_CHANNELS;
@@ -32,6 +33,10 @@ pub struct Planning {
     pub guided: bool,
     /// Whether the planner sees anchors.
     pub conditioned: bool,
+    /// Rows of the planner that pass through a layer at a time.
+    pub rows: usize,
+    /// How often the weights of the planner's layers are read from flash: once for so many rows of a pass.
+    pub reads: usize,
     /// Arena bytes; decoding and refinement take the same place afterwards.
     pub bytes: usize,
     /// These by purpose; the sum is `bytes`.
@@ -156,7 +161,8 @@ pub fn plan(
     let planning = planning.filter(|_| model.planning().is_some()).map(|limits| {
         let most = model.text().map_or(1, |t| t.max_words());
         let anchors = limits.anchors && anchors > 0 && model.control().is_some();
-        planning::Limits { words: limits.words.clamp(1, most), anchors, ..limits }
+        let rows = limits.rows.clamp(LEAST_ROWS, MOST_ROWS);
+        planning::Limits { words: limits.words.clamp(1, most), anchors, rows, ..limits }
     });
     let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning });
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
@@ -184,6 +190,8 @@ pub fn plan(
             steps: limits.steps,
             guided: limits.guided,
             conditioned: limits.anchors,
+            rows: limits.rows,
+            reads: usize::from(limits.steps) * (1 + usize::from(limits.guided)) * (1 + tokens).div_ceil(limits.rows),
             bytes: plan.planning.all(),
             arena: vec![
                 share("text, keys and values", plan.planning.text),
@@ -300,7 +308,7 @@ pub fn model_rs(report: &Report, blob_path: &str) -> String {
         model, tokens, frames, anchors, solver_evaluations, arena_bytes, flash_bytes, macs, self_test, ..
     } = report;
     let planning = report.planning.as_ref().map_or_else(String::new, |p| {
-        let Planning { words, steps, guided, conditioned, .. } = p;
+        let Planning { words, steps, guided, conditioned, rows, .. } = p;
         format!(
             r#"/// Largest request: words of the prompt.
 pub const WORDS: usize = {words};
@@ -310,6 +318,8 @@ pub const STEPS: u16 = {steps};
 pub const GUIDED: bool = {guided};
 /// Largest request: whether anchors may condition the planner.
 pub const CONDITIONED: bool = {conditioned};
+/// What the generator is to be told, where it is not 8: `generator.set_rows(ROWS)`.
+pub const ROWS: usize = {rows};
 "#
         )
     });

@@ -141,10 +141,19 @@ fn plan_counts_the_planner() {
     let without = plan("--words 0 --anchors 0");
     assert_eq!(without["planning"], Value::Null);
     assert_eq!(number(&without["macs"]) + number(&whole["planning"]["macs"]), number(&whole["macs"]));
-    bench.succeeds("plan p.blob --model-rs model.rs --words 5 --steps 8");
+    // A pass of 21 rows, twice for guidance, ten times.
+    let figures = |options: &str| {
+        let planning = &plan(options)["planning"];
+        ["rows", "reads", "bytes", "macs"].map(|figure| number(&planning[figure]))
+    };
+    let [few, some, many] = ["--rows 4", "", "--rows 24"].map(figures);
+    assert_eq!([few, some, many].map(|f| (f[0], f[1])), [(4, 120), (8, 60), (24, 20)]);
+    assert!(few[2] < some[2] && some[2] < many[2] && few[3] == many[3]);
+    bench.succeeds("plan p.blob --model-rs model.rs --words 5 --steps 8 --rows 12");
     let constants = std::fs::read_to_string(bench.path("model.rs")).expect("text");
     assert!(constants.contains("pub const WORDS: usize = 5;\n") && constants.contains("pub const STEPS: u16 = 8;\n"));
-    for options in ["--steps 0", "--steps 1001", "--words -1", "--guidance strong"] {
+    assert!(constants.contains("pub const ROWS: usize = 12;\n"));
+    for options in ["--steps 0", "--steps 1001", "--words -1", "--guidance strong", "--rows 3", "--rows 25"] {
         bench.misused(&format!("plan p.blob {options}"), "error");
     }
 }

@@ -10,7 +10,8 @@ use std::time::Instant;
 use motionette::arena::Arena;
 use motionette::hash::Stream;
 use motionette::motion::humanml3d;
-use motionette::planning::{Limits, Session};
+use motionette::nn::linear::MOST_ROWS;
+use motionette::planning::{Limits, ROWS, Session};
 use motionette::{Model, Planning, Prompt};
 
 /// Timings of each part; the fastest counts.
@@ -27,7 +28,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("| part | ms | GMAC/s | digest |");
     println!("|---|---|---|---|");
     decoder(&model)?;
-    planner(&model)
+    planner(&model, ROWS)?;
+    planner(&model, MOST_ROWS)
 }
 
 /// The decoder's forward pass and gradient at the longest motion, for root channels and for all.
@@ -62,11 +64,11 @@ fn decoder(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// One planner pass at the longest motion, without guidance, and what follows it.
-fn planner(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
+/// One planner pass at the longest motion, without guidance, and what follows it, for few of its rows at a time and for many.
+fn planner(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
     let Some(modules) = model.planning() else { return Ok(()) };
     let tokens = model.max_tokens();
-    let limits = Limits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false };
+    let limits = Limits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false, rows };
     let mut memory = vec![0u128; modules.bytes(tokens, &limits).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens, &limits)?;
@@ -79,7 +81,10 @@ fn planner(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
         let _ = session.pass(black_box(&ids), 0.5, &planning, &mut || Ok(()));
     });
     let macs = modules.planner.pass_macs(tokens, 0, limits.words);
-    report("planner pass", seconds, macs, session.logits(tokens - 1));
+    report(&format!("planner pass, {rows} rows at a time"), seconds, macs, session.logits(tokens - 1));
+    if rows != ROWS {
+        return Ok(());
+    }
     let step = session.tmd().step(0.5, 0.6);
     let seconds = fastest(|| session.advance(&planning, Some(&step), &mut stream, &mut ids));
     let drawn: Vec<f32> = ids.iter().map(|&id| f32::from(id)).collect();

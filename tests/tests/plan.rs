@@ -192,10 +192,13 @@ impl Seen {
         let refinement = Some(config(random)).filter(|_| random.below(4) > 0);
         let request = Request { source, anchors: &anchors, refinement, planning };
 
-        let plan = Generator::new(model.clone(), &mut []).and_then(|generator| generator.plan(&request));
-        let plan = plan.unwrap_or_else(|e| panic!("{name}: {e}: {request:?}"));
+        let rows = random.below(30) as usize;
+        let mut empty = Generator::new(model.clone(), &mut []).expect("default floating point");
+        empty.set_rows(rows);
+        let plan = empty.plan(&request).unwrap_or_else(|e| panic!("{name}: {e}: {request:?}"));
         let mut memory = Painted::new(plan.arena_bytes);
         let mut generator = Generator::new(model.clone(), memory.bytes()).expect("default floating point");
+        generator.set_rows(rows);
         count::reset();
         let motion = generator.generate(&request, &mut ()).unwrap_or_else(|e| panic!("{name}: {e}: {request:?}"));
         let counted = count::total();
@@ -223,9 +226,9 @@ impl Seen {
         let text = words(random, model);
         let steps = 1 + random.below(4) as u16;
         let guided = random.below(2) == 0;
-        let rows = text.split(' ').count();
+        let (words, rows) = (text.split(' ').count(), random.below(30) as usize);
         let planned = model.planning().is_some() && encoder && random.below(4) > 0;
-        let planning = planned.then_some(planning::Limits { words: rows, steps, guided, anchors: false });
+        let planning = planned.then_some(planning::Limits { words, steps, guided, anchors: false, rows });
         let limits = StreamLimits { tokens: capacity, planning };
         let plan = StreamPlan::new(model, &limits);
         let mut memory = Painted::new(plan.arena_bytes);

@@ -21,7 +21,7 @@ fn tiny() -> Tiny {
 }
 
 fn limits(model: &Model<'_>, steps: u16) -> StreamLimits {
-    let planning = planning::Limits { words: WORDS, steps, guided: true, anchors: false };
+    let planning = planning::Limits { words: WORDS, steps, guided: true, anchors: false, rows: planning::ROWS };
     StreamLimits { tokens: model.max_tokens(), planning: Some(planning) }
 }
 
@@ -422,7 +422,7 @@ fn no_seam_shows_across_twenty_segments() {
         eprintln!("skipped: the bundled model has no planner");
         return;
     }
-    let planning = planning::Limits { words: 8, steps: 10, guided: true, anchors: false };
+    let planning = planning::Limits { words: 8, steps: 10, guided: true, anchors: false, rows: planning::ROWS };
     let limits = StreamLimits { tokens: WINDOW, planning: Some(planning) };
     let mut arena = vec![0u8; 1 << 20];
     let mut generator = Generator::new(model.clone(), &mut arena).unwrap();

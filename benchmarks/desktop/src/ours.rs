@@ -4,6 +4,7 @@ use anyhow::{Context, Result, anyhow};
 use motionette::arena::Arena;
 use motionette::decoding::decoder::Workspace;
 use motionette::hash::Stream;
+use motionette::nn::linear::MOST_ROWS;
 use motionette::nn::output::Channels;
 use motionette::planning::session::Modules;
 use motionette::planning::{Limits, Session};
@@ -82,7 +83,8 @@ impl<'m> Planner<'m> {
     /// # Errors
     /// When the model knows none of its words.
     pub fn new(modules: Modules<'m, 'm>, tokens: usize) -> Result<Self> {
-        let limits = Limits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false };
+        let limits =
+            Limits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false, rows: MOST_ROWS };
         let mut arena = Arena::new(memory(modules.bytes(tokens, &limits).all()));
         let mut session = Session::new(modules, &mut arena, tokens, &limits)?;
         let read = session.read(&Prompt::Text(PROMPT), &mut || Ok(()))?;
@@ -117,7 +119,7 @@ pub struct Whole<'m> {
 }
 
 impl<'m> Whole<'m> {
-    /// A generator with an arena of just the size that the request takes.
+    /// A generator with an arena of just the size that the request takes, as many rows at a time as may be: a desktop has the memory.
     ///
     /// # Errors
     /// When the model refuses the request.
@@ -129,8 +131,12 @@ impl<'m> Whole<'m> {
             .root_at(9.0, [0.5, 0.9, 4.5]);
         let model = blob.model()?;
         let frames = u16::try_from(model.max_tokens() * model.frames_per_token())?;
-        let bytes = Generator::new(model, &mut [])?.plan(&request(&anchors, frames)?)?.arena_bytes;
-        Ok(Self { generator: Generator::new(blob.model()?, memory(bytes))?, anchors, frames })
+        let mut empty = Generator::new(model, &mut [])?;
+        empty.set_rows(MOST_ROWS);
+        let bytes = empty.plan(&request(&anchors, frames)?)?.arena_bytes;
+        let mut generator = Generator::new(blob.model()?, memory(bytes))?;
+        generator.set_rows(MOST_ROWS);
+        Ok(Self { generator, anchors, frames })
     }
 
     /// Makes the motion.

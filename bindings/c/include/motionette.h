@@ -20,6 +20,9 @@
 // Words of `mtn_model`'s storage.
 #define MTN_MODEL_WORDS 496
 
+// Rows of the planner that pass through a layer at a time unless a generator is told otherwise.
+#define MTN_ROWS 8
+
 // Joints of the body skeleton.
 #define MTN_JOINTS 22
 
@@ -242,6 +245,8 @@ typedef struct mtn_limits {
     uint16_t evaluations;
     // Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
     float guidance;
+    // Rows of the planner that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
+    size_t rows;
 } mtn_limits;
 
 // Memory and work of the largest request inside some limits.
@@ -430,6 +435,15 @@ struct mtn_result mtn_generator_open(struct mtn_generator *generator,
                                      const struct mtn_model *model,
                                      void *arena,
                                      size_t arena_bytes);
+
+// Has `rows` rows of the planner pass through a layer at a time, from now on, instead of `MTN_ROWS`: 4 to 24, other numbers count
+// as the nearest of these. Weights are read once for so many, so more are faster, most of all where the blob lies in slow flash;
+// each takes room, which `mtn_model_plan` says for the same `rows` in its limits. The motion is the same.
+//
+// # Safety
+// As of `mtn_generate`.
+struct mtn_result mtn_generator_set_rows(struct mtn_generator *generator,
+                                         size_t rows);
 
 // Makes the motion of `request`. `progress` may be null; `context` is handed to it. On an error `motion` is left
 // alone and the generator can be used again at once.

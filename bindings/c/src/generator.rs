@@ -146,6 +146,25 @@ pub unsafe extern "C" fn mtn_generator_open(
     })
 }
 
+/// Has `rows` rows of the planner pass through a layer at a time, from now on, instead of `MTN_ROWS`: 4 to 24, other numbers count
+/// as the nearest of these. Weights are read once for so many, so more are faster, most of all where the blob lies in slow flash;
+/// each takes room, which `mtn_model_plan` says for the same `rows` in its limits. The motion is the same.
+///
+/// # Safety
+/// As of `mtn_generate`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_generator_set_rows(generator: *mut mtn_generator, rows: usize) -> mtn_result {
+    report(|| {
+        let slot = place(generator, 0)?.cast::<Opened>().cast_mut();
+        let work = |generator: &mut Generator<'static>| {
+            generator.set_rows(rows);
+            Ok(())
+        };
+        // SAFETY: aligned; the caller promises storage and one thread at a time.
+        unsafe { Slot::with(slot, 0, work) }
+    })
+}
+
 /// Makes the motion of `request`. `progress` may be null; `context` is handed to it. On an error `motion` is left
 /// alone and the generator can be used again at once.
 ///

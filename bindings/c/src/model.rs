@@ -32,6 +32,10 @@ const _: () = assert!(
     "a model does not fit its storage: raise MTN_MODEL_WORDS"
 );
 
+/// Rows of the planner that pass through a layer at a time unless a generator is told otherwise.
+pub const MTN_ROWS: usize = 8;
+const _: () = assert!(MTN_ROWS == planning::ROWS);
+
 /// Largest request that is to be served.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
@@ -48,6 +52,8 @@ pub struct mtn_limits {
     pub evaluations: u16,
     /// Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
     pub guidance: f32,
+    /// Rows of the planner that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
+    pub rows: usize,
 }
 
 /// Memory and work of the largest request inside some limits.
@@ -145,7 +151,9 @@ impl mtn_limits {
                 return Err(PlanningError::Steps { found: self.steps, limit: MAX_STEPS }.into());
             }
             let (words, steps) = (self.words, self.steps);
-            planning = Some(planning::Limits { words, steps, guided: self.guidance != 1.0, anchors: self.anchors > 0 });
+            let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0);
+            let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };
+            planning = Some(planning::Limits { words, steps, guided, anchors, rows });
         }
         let anchors = if self.evaluations > 0 { self.anchors } else { 0 };
         Ok(Limits { tokens, anchors, refinement: Config::fast(self.evaluations), planning })

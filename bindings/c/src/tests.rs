@@ -9,7 +9,7 @@ use motionette::{Generator, Model, Request, blob::Aligned};
 use crate::error::{mtn_error, mtn_error_message, mtn_result};
 use crate::generator::{
     MTN_FLOW_ABORT, MTN_FLOW_CONTINUE, MTN_FLOW_FINISH, mtn_flow, mtn_generate, mtn_generator, mtn_generator_open,
-    mtn_motion, mtn_motion_hash, mtn_progress, mtn_self_test, mtn_stage,
+    mtn_generator_set_rows, mtn_motion, mtn_motion_hash, mtn_progress, mtn_self_test, mtn_stage,
 };
 use crate::model::{mtn_limits, mtn_model, mtn_model_open, mtn_model_plan, mtn_plan};
 use crate::request::{
@@ -149,7 +149,7 @@ fn blobs_are_refused_with_their_numbers() {
 fn storage_must_be_opened_and_not_copied() {
     let mut model: Box<mtn_model> = zeroed();
     assert_eq!(open(&mut model, &BLOB), FINE);
-    let limits = mtn_limits { frames: 60, words: 8, anchors: 2, steps: 5, evaluations: 20, guidance: 2.0 };
+    let limits = mtn_limits { frames: 60, words: 8, anchors: 2, steps: 5, evaluations: 20, guidance: 2.0, rows: 0 };
     let mut plan: Box<mtn_plan> = zeroed();
     // SAFETY: everything is valid, `copy` holds the bits of an opened model.
     unsafe {
@@ -175,7 +175,7 @@ fn the_plan_is_what_a_request_takes() {
         let planned = unsafe { mtn_model_plan(&*model, &limits, &mut *plan) };
         if planned == FINE { Ok(*plan) } else { Err(planned) }
     };
-    let limits = mtn_limits { frames: 32, words: 0, anchors: 2, steps: 0, evaluations: 20, guidance: 0.0 };
+    let limits = mtn_limits { frames: 32, words: 0, anchors: 2, steps: 0, evaluations: 20, guidance: 0.0, rows: 0 };
     let plan = plan_of(limits).unwrap();
     assert_eq!(plan.planning_macs, 0);
     let anchors = [ROOT, WRIST];
@@ -189,6 +189,13 @@ fn the_plan_is_what_a_request_takes() {
     let request = mtn_request { frames: 32, ..text(c"a person walks forward") };
     let request = mtn_request { anchors: anchors.as_ptr(), anchor_count: anchors.len(), ..request };
     assert_eq!(Bench::new(plan.arena_bytes).generate(&request).unwrap().arena_used, plan.arena_bytes);
+    let roomy = plan_of(mtn_limits { rows: 24, ..words }).unwrap();
+    assert!(roomy.arena_bytes > plan.arena_bytes && roomy.macs == plan.macs);
+    let mut bench = Bench::new(roomy.arena_bytes);
+    let before = bench.generate(&request).unwrap().arena_used;
+    // SAFETY: an opened generator.
+    assert_eq!(unsafe { mtn_generator_set_rows(&mut *bench.generator, 24) }, FINE);
+    assert_eq!([before, bench.generate(&request).unwrap().arena_used], [plan.arena_bytes, roomy.arena_bytes]);
     assert_eq!(
         plan_of(mtn_limits { frames: 0, ..words }).unwrap(),
         plan_of(mtn_limits { frames: 196, ..words }).unwrap()

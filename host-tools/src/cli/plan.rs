@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use motionette::planning::{Limits, Planning};
+use motionette::nn::linear::{LEAST_ROWS, MOST_ROWS};
+use motionette::planning::{Limits, Planning, ROWS};
 use motionette::refining::Config;
 use serde_json::Value;
 
@@ -40,6 +41,10 @@ pub(super) struct Cmd {
     /// Guidance of the planner; 1 is off and halves the work.
     #[arg(long, default_value_t = Planning::DEFAULT.guidance)]
     guidance: f32,
+    /// Rows of the planner that pass through a layer at a time, 4 to 24. Its weights are read from flash once for so many; each takes
+    /// memory, and the motion is the same.
+    #[arg(long, default_value_t = ROWS as u16, value_parser = clap::value_parser!(u16).range(LEAST_ROWS as i64..=MOST_ROWS as i64))]
+    rows: u16,
     /// Decoder evaluations of the solver; else its default.
     #[arg(long)]
     evaluations: Option<u16>,
@@ -65,7 +70,10 @@ impl Cmd {
         let guided = self.guidance != 1.0;
         let planning = match self.words.unwrap_or(usize::MAX) {
             0 => None,
-            words => Some(Limits { words, steps: self.steps, guided, anchors: !self.unconditioned }),
+            words => {
+                let (steps, rows) = (self.steps, usize::from(self.rows));
+                Some(Limits { words, steps, guided, anchors: !self.unconditioned, rows })
+            }
         };
         let report = plan::plan(&blob, self.tokens, self.anchors, refinement, planning)?;
         say(&format!(
@@ -82,6 +90,7 @@ impl Cmd {
                 grouped(p.bytes as u64),
                 grouped(p.macs)
             ));
+            say(&format!("{} rows at a time: the planner's weights are read {} times", p.rows, p.reads));
         }
         if let Some(p) = &report.planning {
             table("arena while tokens are planned", "bytes", &p.arena, p.bytes as u64);

@@ -8,7 +8,7 @@ use motionette::arena::Arena;
 use motionette::hash::Stream;
 use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::Prompt;
-use motionette::planning::{Length, Limits, Planning, Session};
+use motionette::planning::{Length, Limits, Planning, ROWS, Session};
 use motionette::{Anchor as RuntimeAnchor, Request};
 use serde::Serialize;
 
@@ -150,7 +150,7 @@ pub fn logits(blob: &BlobFile, case: &Case, tokens: &[u16], time: f64) -> Result
     let refused_anchors = |source| Error::Anchors { clip: case.id.clone(), source };
     let frames = tokens.len() * model.frames_per_token();
     let anchors = AnchorSet::new(&case.runtime_anchors(), frames).map_err(refused_anchors)?;
-    let limits = Limits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty() };
+    let limits = Limits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty(), rows: ROWS };
     let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens.len(), &limits).map_err(Error::Arena)?;

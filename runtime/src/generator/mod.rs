@@ -134,6 +134,8 @@ impl<'a> Motion<'a> {
 pub struct Generator<'a> {
     model: Model<'a>,
     arena: &'a mut [u8],
+    /// Of the planner, that pass through a layer at a time.
+    rows: usize,
 }
 
 impl<'a> Generator<'a> {
@@ -142,7 +144,17 @@ impl<'a> Generator<'a> {
     /// # Errors
     /// [`Error::FloatingPoint`] when the processor would compute other bits than the digital-twin contract says.
     pub fn new(model: Model<'a>, arena: &'a mut [u8]) -> Result<Self, Error> {
-        if floating_point_is_default() { Ok(Generator { model, arena }) } else { Err(Error::FloatingPoint) }
+        if floating_point_is_default() {
+            Ok(Generator { model, arena, rows: planning::ROWS })
+        } else {
+            Err(Error::FloatingPoint)
+        }
+    }
+
+    /// Has so many of the planner's rows pass through a layer at a time, from now on, instead of [`planning::ROWS`]: what that is good for
+    /// says [`planning::Limits::rows`], what arena it takes [`Generator::plan`].
+    pub const fn set_rows(&mut self, rows: usize) {
+        self.rows = rows;
     }
 
     /// The model.
@@ -172,7 +184,8 @@ impl<'a> Generator<'a> {
                 let plan = &request.planning;
                 let tokens = plan.check(limit, planner.codes(), self.model.frames_per_token())?;
                 let anchors = plan.conditioned && self.seen(request.anchors);
-                let planning = planning::Limits { words, steps: plan.steps, guided: plan.guided(), anchors };
+                let (steps, guided, rows) = (plan.steps, plan.guided(), self.rows);
+                let planning = planning::Limits { words, steps, guided, anchors, rows };
                 return Ok(Limits { tokens, anchors: refined, refinement, planning: Some(planning) });
             }
         };

@@ -40,7 +40,7 @@ pub struct Segment {
 /// ```no_run
 /// # use motionette::{Error, Generator, Length, Request, StreamLimits, planning::Limits};
 /// # fn run(generator: &mut Generator<'_>, mut play: impl FnMut(&motionette::Frame)) -> Result<(), Error> {
-/// let planning = Limits { words: 32, steps: 10, guided: true, anchors: false };
+/// let planning = Limits { words: 32, steps: 10, guided: true, anchors: false, rows: 8 };
 /// let mut stream = generator.stream(&StreamLimits { tokens: 49, planning: Some(planning) })?;
 /// for prompt in ["a person walks", "a person walks", "a person waves the right hand"] {
 ///     stream.plan(&Request::text(prompt).length(Length::Tokens(12)), &mut ())?;
@@ -69,6 +69,8 @@ pub struct MotionStream<'g, 'a> {
     /// Segments planned so far; begins anew after the last number.
     segment: u64,
     finished: bool,
+    /// Of the planner, that pass through a layer at a time.
+    rows: usize,
     /// What planning may use while it lasts.
     spare: Arena<'g>,
 }
@@ -165,6 +167,7 @@ impl<'a> Generator<'a> {
             held: 0,
             segment: 0,
             finished: false,
+            rows: limits.planning.map_or(planning::ROWS, |planning| planning.rows),
             spare: arena,
         })
     }
@@ -314,7 +317,8 @@ impl MotionStream<'_, '_> {
         };
         planning.check(capacity, codes, frames_per_token)?;
 
-        let limits = planning::Limits { words, steps: planning.steps, guided: planning.guided(), anchors: false };
+        let (steps, guided, rows) = (planning.steps, planning.guided(), self.rows);
+        let limits = planning::Limits { words, steps, guided, anchors: false, rows };
         let needed = self.spare.used() + bytes_of::<u16>(capacity) + modules.bytes(context + count, &limits).all();
         let available = self.spare.available();
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });

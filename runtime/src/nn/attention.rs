@@ -4,7 +4,7 @@
 //! become int16 with one scale a (row, head), keys and values are int8 with one scale a (row, head); the values' scales
 //! are folded into the probabilities before these become int16. Segments are summed in their order.
 
-use super::linear::BLOCK;
+use super::linear::MOST_ROWS;
 use super::{quantise, softmax};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8, wide};
 
@@ -89,7 +89,7 @@ pub struct Scratch<'a> {
     pub q: &'a mut [i16],
     /// Its scales, `[rows]`.
     pub scales: &'a mut [f32],
-    /// Scores, then probabilities: one a row and key of all segments, `[rows][keys]`, no more rows than [`BLOCK`].
+    /// Scores, then probabilities: one a row and key of all segments, `[rows][keys]`, no more rows than [`MOST_ROWS`].
     pub scores: &'a mut [f32],
     /// Probabilities times value scales, `[rows][n]` of one segment at a time.
     pub p: &'a mut [i16],
@@ -103,16 +103,17 @@ pub const fn macs(heads: Heads, keys: usize) -> u64 {
     2 * (heads.count * heads.width * keys) as u64
 }
 
-/// Attends from at most [`BLOCK`] rows of queries `q [R][H dh]` to all `segments`; `out [R][H dh]`.
+/// Attends from at most [`MOST_ROWS`] rows of queries `q [R][H dh]` to all `segments`; `out [R][H dh]`.
 pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32], scratch: &mut Scratch<'_>) {
     let (dh, width) = (heads.width.max(1), (heads.count * heads.width).max(1));
     let keys = segments.iter().fold(0, |sum, s| sum + s.rows);
     let root = 1.0 / libm::sqrtf(dh as f32);
     let rows = q.len() / width;
     out.fill(0.0);
-    if keys == 0 || rows > BLOCK {
+    if keys == 0 || rows > MOST_ROWS {
         return;
     }
+    let mut steps = [quantise::Step::default(); MOST_ROWS];
     for head in 0..heads.count {
         let columns = head * dh..(head + 1) * dh;
         let each = q.chunks_exact(width).zip(scratch.q.chunks_exact_mut(dh)).zip(scratch.scales.iter_mut());
@@ -136,7 +137,6 @@ pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32]
             }
             first += n;
         }
-        let mut steps = [quantise::Step::default(); BLOCK];
         softmax::rows(scratch.scores.get_mut(..rows * keys).unwrap_or(&mut []), keys);
         for (scores, step) in scratch.scores.chunks_exact_mut(keys).zip(&mut steps).take(rows) {
             let mut rest = scores.iter_mut();
@@ -152,12 +152,12 @@ pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32]
         for s in segments {
             let n = s.rows;
             let p = scratch.p.get_mut(..rows * n).unwrap_or(&mut []);
-            for ((p, scores), step) in p.chunks_exact_mut(n.max(1)).zip(scratch.scores.chunks_exact(keys)).zip(steps) {
-                quantise::part(scores.get(first..first + n).unwrap_or(&[]), step, p);
+            for ((p, scores), step) in p.chunks_exact_mut(n.max(1)).zip(scratch.scores.chunks_exact(keys)).zip(&steps) {
+                quantise::part(scores.get(first..first + n).unwrap_or(&[]), *step, p);
             }
             let values = s.values.get(head * n * dh..(head + 1) * n * dh).unwrap_or(&[]);
             linear_transposed_s16s8(p, values, dh, n, scratch.acc);
-            for ((out, acc), step) in out.chunks_exact_mut(width).zip(scratch.acc.chunks_exact(dh)).zip(steps) {
+            for ((out, acc), step) in out.chunks_exact_mut(width).zip(scratch.acc.chunks_exact(dh)).zip(&steps) {
                 let out = out.get_mut(columns.clone()).unwrap_or(&mut []);
                 wide!({
                     for (y, a) in out.iter_mut().zip(acc) {

@@ -3,14 +3,14 @@
 //! Pre: `x += Out(attention(LN1 x))`, `x += CrossOut(attention(LNc x, memory))`, `x += F2(act(F1(LN2 x)))`.
 //! Post: the same with each norm behind its sum instead: `x = LN1(x + Out(attention(x)))`, and so on.
 //!
-//! Keys and values of all rows come first; from there on a block works through its rows [`BLOCK`] at a time, in place,
+//! Keys and values of all rows come first; from there on a block works through its rows some at a time ([`Sizes::rows`]), in place,
 //! so that nothing but keys and values is kept a row. A stack's blocks stay in the tensor table and are resolved one at a
 //! time as they are run: a model costs no memory a layer.
 
 use super::activation;
 use super::attention::{self, Heads, Segment, SegmentMut, attend};
 use super::conv1d::{Rows, larger};
-use super::linear::{BLOCK, Linear};
+use super::linear::Linear;
 use super::norm::{LayerNorm, MAX_INPUT};
 use super::quantise;
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
@@ -48,7 +48,7 @@ pub struct Block<'a> {
 /// Sizes that a [`Scratch`] must serve.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sizes {
-    /// Most rows at a time, no more than [`BLOCK`].
+    /// Most rows at a time, no more than [`MOST_ROWS`](super::linear::MOST_ROWS).
     pub rows: usize,
     /// Widest row.
     pub width: usize,
@@ -159,6 +159,11 @@ impl<'w> Scratch<'w> {
         })
     }
 
+    /// Rows there is room for.
+    const fn rows(&self) -> usize {
+        self.scales.len()
+    }
+
     /// `out [R][N]` of `x [R][K]`, no more rows than there is room for.
     #[inline(never)]
     pub fn linear(&mut self, layer: &Linear<'_>, x: &[f32], out: &mut [f32]) {
@@ -237,22 +242,24 @@ impl<'a> Block<'a> {
     pub fn read_memory(&self, memory: &[f32], segment: &mut SegmentMut<'_>, scratch: &mut Scratch<'_>) {
         let Some(cross) = &self.cross else { return };
         let inputs = cross.keys_values.inputs().max(1);
-        for (block, rows) in memory.chunks((BLOCK * inputs).max(1)).enumerate() {
-            project(self.heads(), &cross.keys_values, 0, rows, block * BLOCK, segment, scratch);
+        let together = scratch.rows();
+        for (block, rows) in memory.chunks((together * inputs).max(1)).enumerate() {
+            project(self.heads(), &cross.keys_values, 0, rows, block * together, segment, scratch);
         }
     }
 
     /// Keys and values of all rows of `x [n][d]` into `own`.
     fn read_own(&self, x: &[f32], own: &mut SegmentMut<'_>, scratch: &mut Scratch<'_>) {
         let width = self.width().max(1);
-        for (block, x) in x.chunks(BLOCK * width).enumerate() {
+        let together = scratch.rows();
+        for (block, x) in x.chunks((together * width).max(1)).enumerate() {
             match self.config.norm {
-                Norm::Post => project(self.heads(), &self.qkv, width, x, block * BLOCK, own, scratch),
+                Norm::Post => project(self.heads(), &self.qkv, width, x, block * together, own, scratch),
                 Norm::Pre => {
                     let normed = core::mem::take(&mut scratch.a);
                     if let Some(rows) = normed.get_mut(..x.len()) {
                         self.norm1.forward(x, rows);
-                        project(self.heads(), &self.qkv, width, rows, block * BLOCK, own, scratch);
+                        project(self.heads(), &self.qkv, width, rows, block * together, own, scratch);
                     }
                     scratch.a = normed;
                 }
@@ -282,7 +289,7 @@ impl<'a> Block<'a> {
         }
         let width = self.width().max(1);
         let heads = self.heads();
-        for x in x.chunks_mut(BLOCK * width) {
+        for x in x.chunks_mut((scratch.rows() * width).max(1)) {
             let queries = self.qkv.part(0, width);
             self.sublayer(&self.norm1, x, scratch, |rows, other, x, scratch| {
                 add_attention(heads, &queries, &self.out, &segments, (rows, other), x, scratch);
@@ -298,7 +305,7 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// `x += f(LN x)` or `x = LN(x + f(x))` for at most [`BLOCK`] rows. `f` takes rows that it may overwrite, as many others to write to,
+    /// `x += f(LN x)` or `x = LN(x + f(x))` for as many rows as `scratch` has room for. `f` takes rows that it may overwrite, as many others to write to,
     /// and adds to the third.
     fn sublayer(
         &self,
@@ -326,7 +333,7 @@ impl<'a> Block<'a> {
     }
 }
 
-/// Keys and values of at most [`BLOCK`] rows, by the outputs of `layer` from `first` on.
+/// Keys and values of as many rows as `scratch` has room for, by the outputs of `layer` from `first` on.
 fn project(
     heads: Heads,
     layer: &Linear<'_>,
@@ -360,11 +367,12 @@ pub fn project_low_rank(
     scratch: &mut Scratch<'_>,
 ) {
     let inputs = down.inputs().max(1);
-    for (block, x) in x.chunks((BLOCK * inputs).max(1)).enumerate() {
+    let together = scratch.rows();
+    for (block, x) in x.chunks((together * inputs).max(1)).enumerate() {
         let low = core::mem::take(&mut scratch.a);
         if let Some(rows) = low.get_mut(..x.len() / inputs * down.outputs()) {
             scratch.linear(down, x, rows);
-            project(heads, kv, 0, rows, block * BLOCK, segment, scratch);
+            project(heads, kv, 0, rows, block * together, segment, scratch);
         }
         scratch.a = low;
     }
@@ -494,7 +502,7 @@ impl<'a> Stack<'a> {
 pub fn sizes(config: &TransformerConfig, inputs: usize, keys: usize, memory: usize) -> Sizes {
     let width = usize::from(config.width);
     Sizes {
-        rows: BLOCK,
+        rows: 0,
         width,
         inputs: if inputs > width { inputs } else { width },
         outputs: width,

@@ -7,8 +7,10 @@ use super::epilogue;
 use crate::blob::{DType, Error, Tensors};
 use crate::kernels::{linear_s16s4, linear_s16s8, unpacked};
 
-/// Rows that go through a transformer's layers together.
-pub const BLOCK: usize = 8;
+/// Fewest rows that go through a transformer's layers together.
+pub const LEAST_ROWS: usize = 4;
+/// Most of them.
+pub const MOST_ROWS: usize = 24;
 
 /// Weights, a row an output.
 #[derive(Debug, Clone, Copy)]

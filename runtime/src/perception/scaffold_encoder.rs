@@ -9,7 +9,7 @@ use crate::blob::{Activation, ControlConfig, Error, Tensors};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{self, Scratch, Sizes, below};
 use crate::nn::encoder::Encoder;
-use crate::nn::linear::{BLOCK, Linear};
+use crate::nn::linear::{LEAST_ROWS, Linear};
 use crate::nn::norm::MAX_INPUT;
 use crate::nn::{Check, Interrupted, activation};
 
@@ -43,7 +43,7 @@ pub const fn work(config: &ControlConfig, timing: Timing) -> usize {
 
 /// Frames of a token that are read together.
 const fn frames_together(frames: usize) -> usize {
-    if frames < BLOCK { frames } else { BLOCK }
+    if frames < LEAST_ROWS { frames } else { LEAST_ROWS }
 }
 
 /// Multiply-accumulates of a scaffold of so many tokens.

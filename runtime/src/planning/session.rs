@@ -12,6 +12,7 @@ use crate::decoding::codebook::Codebooks;
 use crate::hash::Stream;
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes};
+use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::nn::{Check, Interrupted};
 use crate::perception::Text;
 use crate::perception::anchors::AnchorSet;
@@ -21,6 +22,8 @@ use crate::perception::text::NONE;
 
 /// Positions whose tokens are drawn together: the logits of more than these would take more memory than a pass.
 const DRAWN: usize = 4;
+/// Rows that pass through a layer at a time where nobody says otherwise ([`Limits::rows`]).
+pub const ROWS: usize = 8;
 
 /// The largest plan that is to be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +36,9 @@ pub struct Limits {
     pub guided: bool,
     /// Whether anchors condition the planner; of no account when the blob has no anchor control.
     pub anchors: bool,
+    /// Rows that pass through a layer at a time, 4 to 24; other numbers count as the nearest of these. Weights are read once for so many,
+    /// and each takes room: the motion is the same, only memory and speed are not.
+    pub rows: usize,
 }
 
 /// Modules of a model that a session works with.
@@ -220,6 +226,7 @@ impl<'m, 'b> Modules<'m, 'b> {
             x = most(x, tokens * control.scaffold_width());
             work = control.work();
         }
+        sizes.rows = limits.rows.clamp(LEAST_ROWS, MOST_ROWS);
         Lengths {
             words,
             none,

@@ -2,6 +2,7 @@
 
 use motionette::blob::{HEADER_LEN, Header, MAGIC, MAJOR};
 use motionette::hash::Stream;
+use motionette::planning::ROWS;
 use motionette::{Anchor, Generator, Model, Prompt, Request, refining::Config};
 
 use super::{Entry, Memory, Tally};
@@ -50,7 +51,7 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
         _ => text.through(&anchors).refined(Config::fast(2)),
     };
     // Refusals are to be about the blob, so there is as much memory as any blob of this size can make use of.
-    let need = super::requests::need(&model, &request).unwrap_or(0).max(super::requests::least(&model));
+    let need = super::requests::need(&model, &request, ROWS).unwrap_or(0).max(super::requests::least(&model));
     let mut generator = Generator::new(model, memory.arena.painted(need)).map_err(|e| e.to_string())?;
     super::requests::serve(&mut generator, &request, &mut (), tally)?;
     let _ = generator.self_test();

@@ -36,9 +36,10 @@ pub(super) fn least(model: &Model<'_>) -> usize {
     Plan::for_request(model, &limits).arena_bytes
 }
 
-/// Arena bytes of `request`, if it can be planned.
-pub(super) fn need(model: &Model<'_>, request: &Request<'_>) -> Option<usize> {
-    let generator = Generator::new(model.clone(), &mut []).ok()?;
+/// Arena bytes of `request` with so many rows of the planner at a time, if it can be planned.
+pub(super) fn need(model: &Model<'_>, request: &Request<'_>, rows: usize) -> Option<usize> {
+    let mut generator = Generator::new(model.clone(), &mut []).ok()?;
+    generator.set_rows(rows);
     generator.plan(request).ok().map(|plan| plan.arena_bytes)
 }
 
@@ -71,7 +72,8 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
     let request = Request { source, anchors: &anchors, refinement, planning };
 
     // Anything from the least request's need on, exactly what this one needs, a byte less, or plenty from an odd address.
-    let (least, need) = (least(model), need(model, &request).unwrap_or(0));
+    let rows = random.below(30) as usize;
+    let (least, need) = (least(model), need(model, &request, rows).unwrap_or(0));
     let (size, shift) = match random.below(8) {
         0 => (least + random.below(4096) as usize, 0),
         1 => (need.saturating_sub(1), 0),
@@ -82,6 +84,7 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
         return Err("the case's arena is short".to_owned());
     };
     let mut generator = Generator::new(model.clone(), arena).map_err(|e| e.to_string())?;
+    generator.set_rows(rows);
     let mut stopper =
         Stopper { left: 1 + random.below(200), wish: if random.below(2) == 0 { Flow::Finish } else { Flow::Abort } };
     if random.below(3) == 0 {

@@ -2,6 +2,7 @@
 //! anywhere, an end and what comes behind it.
 
 use motionette::hash::Stream;
+use motionette::planning::ROWS;
 use motionette::{
     Error, Fixed, Flow, Frame, Generator, Model, MotionStream, Prompt, Request, Source, StreamLimits, StreamPlan,
     planning,
@@ -31,8 +32,13 @@ struct Seen {
 pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: &mut Tally) -> Result<(), String> {
     let model = &entry.model;
     let steps = 1 + random.below(4) as u16;
-    let planning =
-        planning::Limits { words: 1 + random.below(9) as usize, steps, guided: random.below(3) > 0, anchors: false };
+    let planning = planning::Limits {
+        words: 1 + random.below(9) as usize,
+        steps,
+        guided: random.below(3) > 0,
+        anchors: false,
+        rows: random.below(30) as usize,
+    };
     let planning = Some(planning).filter(|_| model.planning().is_some() && random.below(4) > 0);
     let limits = StreamLimits { tokens: 1 + random.below(model.max_tokens() as u32) as usize, planning };
     let plan = StreamPlan::new(model, &limits);
@@ -68,7 +74,7 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
     }
     drop(generator);
     let request = Request::tokens(&seen.tokens);
-    let need = requests::need(model, &request).ok_or("the stream's tokens cannot be planned")?;
+    let need = requests::need(model, &request, ROWS).ok_or("the stream's tokens cannot be planned")?;
     let mut generator = Generator::new(model.clone(), memory.arena.painted(need)).map_err(|e| e.to_string())?;
     let whole = generator.generate(&request, &mut ()).map_err(|e| e.to_string())?;
     tally.streams += 1;

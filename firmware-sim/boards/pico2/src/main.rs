@@ -38,8 +38,10 @@ const ROBOT: &[u8] = include_bytes!("../robot.bin");
 /// Servo channels that the firmware has room for, and frames of a motion (9.8 s, with two more and one place).
 const CHANNELS: usize = 16;
 const FRAMES: usize = 200;
-/// Memory in which motions are made: 49 tokens, text with guidance, 8 anchors (`motionette plan`).
-const ARENA: usize = 236 * 1024;
+/// Memory in which motions are made: 49 tokens, text with guidance, 8 anchors (`motionette plan --anchors 8 --rows 24`).
+const ARENA: usize = 302 * 1024;
+/// Rows of the planner at a time: the memory is there, and flash is slow.
+const ROWS: usize = 24;
 /// Pulses a second.
 const PULSES: u16 = 50;
 
@@ -103,7 +105,7 @@ fn think(feeder: &mut Feeder<'static, CHANNELS>, arena: &mut [u8]) -> ! {
             None => defmt::warn!("no slot holds a blob: send one with `motionette device send-blob`"),
             Some(Err(error)) => defmt::error!("the blob is refused: {}", defmt::Debug2Format(&error)),
             Some(Ok(model)) => {
-                if let Err(error) = thread::run(&model, arena, feeder, &mut desk) {
+                if let Err(error) = thread::run(&model, arena, ROWS, feeder, &mut desk) {
                     defmt::error!("the runtime refuses to work: {}", defmt::Debug2Format(&error));
                 }
                 continue;

@@ -1,12 +1,13 @@
 //! The standard request of the budgets (`firmware-sim/src/standard.rs`), between the marks that
 //! `firmware-sim/twin/count.c` counts instructions between: the model opened, the whole request, then the same request once
-//! more stage by stage.
+//! more stage by stage, then with as many of the planner's rows at a time as may be.
 #![no_std]
 #![no_main]
 
 use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
+use motionette::nn::linear::MOST_ROWS;
 use motionette::{Flow, Generator, Model, Observer, Progress, Stage, blob::Aligned};
 use motionette_cortex_m::{stack, standard};
 use semihosting::{println, process::exit};
@@ -77,9 +78,15 @@ fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
         motion.arena_used,
         size_of::<Generator<'_>>()
     );
+    let hash = motion.hash();
     generator.generate(&request, &mut Stages)?;
     mark!("0");
-    Ok(())
+    generator.set_rows(MOST_ROWS);
+    mark!("7");
+    let motion = generator.generate(&request, &mut ())?;
+    mark!("0");
+    println!("bench roomy_arena={}", motion.arena_used);
+    if motion.hash() == hash { Ok(()) } else { exit(1) }
 }
 
 #[panic_handler]

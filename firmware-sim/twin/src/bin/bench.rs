@@ -12,6 +12,7 @@ use std::{
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
+use motionette::nn::linear::MOST_ROWS;
 use motionette_twin::{
     image,
     qemu::{self, MACHINES, Machine},
@@ -97,6 +98,8 @@ const REGIONS: [Region; 11] = [
 const STAGES: [(usize, &str); 4] = [(3, "reading"), (4, "planning"), (5, "refining"), (6, "decoding")];
 const OPENING: usize = 1;
 const REQUEST: usize = 2;
+/// The same, as many of the planner's rows at a time as may be.
+const ROOMY: usize = 7;
 const LIMIT: Duration = Duration::from_secs(900);
 
 fn main() -> ExitCode {
@@ -233,6 +236,7 @@ fn object(options: &Options, all: &[Counted]) -> Result<Value> {
         "stack_bytes": printed("stack")?,
         "text_bytes": image::text_bytes(&check)?,
         "arena_bytes": printed("arena")?,
+        "roomy_arena_bytes": printed("roomy_arena")?,
         "ram_bytes": printed("arena")? + printed("generator")? + image::static_ram_bytes(&check)?,
         "blob_bytes": fs::metadata(&options.blob)?.len(),
         "plan_macs": macs["plan_macs"],
@@ -241,6 +245,7 @@ fn object(options: &Options, all: &[Counted]) -> Result<Value> {
     });
     for counted in all {
         object[format!("request_instructions_{}", counted.machine.name)] = of(counted, REQUEST).into();
+        object[format!("roomy_request_instructions_{}", counted.machine.name)] = of(counted, ROOMY).into();
     }
     if let Some(path) = options.desktop.as_deref().filter(|path| path.exists()) {
         let desktop: Value = serde_json::from_slice(&fs::read(path)?).with_context(|| path.display().to_string())?;
@@ -301,7 +306,8 @@ fn page(all: &[Counted], object: &Value) -> Result<String> {
     page += "\n|---|";
     page += &"---:|".repeat(all.len());
     page += "\n";
-    let lines = [(OPENING, "opening the model, once"), (REQUEST, "the request")];
+    let roomy = format!("the same, {MOST_ROWS} of the planner's rows at a time");
+    let lines = [(OPENING, "opening the model, once"), (REQUEST, "the request"), (ROOMY, roomy.as_str())];
     for (number, name) in lines.into_iter().chain(STAGES) {
         write!(page, "| {name} |")?;
         for counted in all {
@@ -323,6 +329,7 @@ fn page(all: &[Counted], object: &Value) -> Result<String> {
         ("code and constants of the runtime (M4F)", "text_bytes", "163840"),
         ("model", "blob_bytes", ""),
         ("arena of the request", "arena_bytes", ""),
+        (&format!("arena, {MOST_ROWS} of the planner's rows at a time"), "roomy_arena_bytes", ""),
         ("arena, generator and static data", "ram_bytes", "327680"),
         ("stack, painted", "stack_bytes", "16384"),
     ] {
