@@ -5,7 +5,7 @@ use motionette::hash::Stream;
 use motionette::nn::attention::{self, Heads, Segment, SegmentMut, attend};
 use motionette::nn::conv1d::Rows;
 use motionette::nn::embedding::Embedding;
-use motionette::nn::linear::{BLOCK, Linear};
+use motionette::nn::linear::{Linear, MOST_ROWS};
 use motionette::nn::norm::LayerNorm;
 use motionette::nn::{activation, quantise, softmax};
 
@@ -352,10 +352,10 @@ fn attention_averages_values_by_softmax_over_all_segments() {
         let second = Stored::new(heads, extra, &mut random);
         let q = random.singles(rows * width);
         let keys = own + extra;
-        let (mut hq, mut scales) = (vec![0; BLOCK * heads.width], vec![0.0; BLOCK]);
+        let (mut hq, mut scales) = (vec![0; MOST_ROWS * heads.width], vec![0.0; MOST_ROWS]);
         // Larger buffers than needed must not matter.
-        let (mut scores, mut p) = (vec![9.0; BLOCK * (keys + 3)], vec![7; BLOCK * keys + 2]);
-        let mut acc = vec![3; BLOCK * keys.max(heads.width) + 5];
+        let (mut scores, mut p) = (vec![9.0; MOST_ROWS * (keys + 3)], vec![7; MOST_ROWS * keys + 2]);
+        let mut acc = vec![3; MOST_ROWS * keys.max(heads.width) + 5];
         let mut scratch =
             attention::Scratch { q: &mut hq, scales: &mut scales, scores: &mut scores, p: &mut p, acc: &mut acc };
         let mut out = vec![5.0; rows * width];
