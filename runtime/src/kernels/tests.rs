@@ -22,7 +22,13 @@ fn variants() -> Vec<(String, Variant)> {
             transposed: |g, w, k, n, acc| Isa::Avx512.linear_transposed_s16s8(g, w, k, n, acc),
             ..CHOSEN
         };
-        for (isa, variant) in [(Isa::Avx2, avx2), (Isa::Avx512, avx512)] {
+        let vnni = Variant {
+            linear: |x, w, k, n, acc| Isa::AvxVnni.linear_s16s8(x, w, k, n, acc),
+            linear4: |x, w, k, n, acc| Isa::AvxVnni.linear_s16s4(x, w, k, n, acc),
+            transposed: |g, w, k, n, acc| Isa::AvxVnni.linear_transposed_s16s8(g, w, k, n, acc),
+            ..CHOSEN
+        };
+        for (isa, variant) in [(Isa::Avx2, avx2), (Isa::AvxVnni, vnni), (Isa::Avx512, avx512)] {
             if isa.supported() == isa {
                 variants.push((std::format!("{isa:?}"), variant));
             }

@@ -17,10 +17,10 @@ pub fn widened<R>(body: impl FnOnce() -> R) -> R {
     body()
 }
 
-/// See [`super::portable::linear_s16s8`].
+/// See [`super::portable::linear_s16s8`]; many rows by AVX-VNNI, which then MUST be there.
 #[target_feature(enable = "avx2")]
-pub fn linear_s16s8(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    if !panel::forward(x, w, inputs, outputs, acc) {
+pub fn linear_s16s8<const VNNI: bool>(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    if !panel::forward::<VNNI>(x, w, inputs, outputs, acc) {
         by_rows!(forward, x, inputs, acc, outputs, w);
     }
 }
@@ -33,10 +33,10 @@ pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mu
     }
 }
 
-/// See [`super::portable::linear_transposed_s16s8`].
+/// See [`super::portable::linear_transposed_s16s8`]; as above.
 #[target_feature(enable = "avx2")]
-pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    if !panel::transposed(g, w, outputs, inputs, acc) {
+pub fn linear_transposed_s16s8<const VNNI: bool>(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    if !panel::transposed::<VNNI>(g, w, outputs, inputs, acc) {
         by_rows!(transposed, g, outputs, acc, inputs, w);
     }
 }

@@ -1,4 +1,4 @@
-//! x86-64: AVX2, and AVX-512 with VNNI.
+//! x86-64: AVX2, AVX2 with AVX-VNNI, and AVX-512 with VNNI.
 #![allow(unsafe_code)]
 
 mod avx2;
@@ -36,7 +36,7 @@ pub fn widened<R>(body: impl FnOnce() -> R) -> R {
     match Isa::best() {
         Isa::Portable => body(),
         // SAFETY: `best` returns only what processor and system support, and AVX-512 includes AVX2.
-        Isa::Avx2 | Isa::Avx512 => unsafe { avx2::widened(body) },
+        Isa::Avx2 | Isa::AvxVnni | Isa::Avx512 => unsafe { avx2::widened(body) },
     }
 }
 
@@ -69,7 +69,9 @@ impl Isa {
         match self.supported() {
             Isa::Portable => portable::linear_s16s8(x, w, inputs, outputs, acc),
             // SAFETY: `supported` returns only what processor and system support.
-            Isa::Avx2 => unsafe { avx2::linear_s16s8(x, w, inputs, outputs, acc) },
+            Isa::Avx2 => unsafe { avx2::linear_s16s8::<false>(x, w, inputs, outputs, acc) },
+            // SAFETY: as above.
+            Isa::AvxVnni => unsafe { avx2::linear_s16s8::<true>(x, w, inputs, outputs, acc) },
             // SAFETY: as above.
             Isa::Avx512 => unsafe { avx512::linear_s16s8(x, w, inputs, outputs, acc) },
         }
@@ -80,7 +82,7 @@ impl Isa {
         match self.supported() {
             Isa::Portable => portable::linear_s16s4(x, w, inputs, outputs, acc),
             // SAFETY: `supported` returns only what processor and system support.
-            Isa::Avx2 => unsafe { avx2::linear_s16s4(x, w, inputs, outputs, acc) },
+            Isa::Avx2 | Isa::AvxVnni => unsafe { avx2::linear_s16s4(x, w, inputs, outputs, acc) },
             // SAFETY: as above.
             Isa::Avx512 => unsafe { avx512::linear_s16s4(x, w, inputs, outputs, acc) },
         }
@@ -91,7 +93,9 @@ impl Isa {
         match self.supported() {
             Isa::Portable => portable::linear_transposed_s16s8(g, w, inputs, outputs, acc),
             // SAFETY: `supported` returns only what processor and system support.
-            Isa::Avx2 => unsafe { avx2::linear_transposed_s16s8(g, w, inputs, outputs, acc) },
+            Isa::Avx2 => unsafe { avx2::linear_transposed_s16s8::<false>(g, w, inputs, outputs, acc) },
+            // SAFETY: as above.
+            Isa::AvxVnni => unsafe { avx2::linear_transposed_s16s8::<true>(g, w, inputs, outputs, acc) },
             // SAFETY: as above.
             Isa::Avx512 => unsafe { avx512::linear_transposed_s16s8(g, w, inputs, outputs, acc) },
         }

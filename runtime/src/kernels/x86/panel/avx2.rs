@@ -1,6 +1,7 @@
-//! AVX2: 16 products an instruction, added in pairs (`vpmaddwd`). A pair cannot overflow: a weight is at most 128.
+//! AVX2: 16 products an instruction, added in pairs (`vpmaddwd`). A pair cannot overflow: a weight is at most 128. With AVX-VNNI
+//! the same instruction adds them to the sums, too (`vpdpwssd`, without saturation).
 //!
-//! A tile of 6 rows by 16 sums keeps 12 accumulators in registers; of the four that are left two hold weights, two products. It is
+//! A tile of 6 rows by 16 sums keeps 12 accumulators in registers; of the four that are left two hold weights, two a row's pair and products. It is
 //! assembly because compilers spill accumulators here. The panel is int8 and widened as it is loaded: that takes two instructions for
 //! 12 products, and saves half of the packing.
 
@@ -25,7 +26,7 @@ struct Panel {
 /// `acc[r][n] = sum of x[r][k] w[n][k]` for `x [rows][K]`, `w [N][K]`, `acc [rows][N]`. Returns whether it did: a panel serves many rows,
 /// of which nothing is missing, and pairs of terms.
 #[target_feature(enable = "avx2")]
-pub fn forward(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) -> bool {
+pub fn forward<const VNNI: bool>(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) -> bool {
     if !inputs.is_multiple_of(2) || outputs < SUMS || !serves(x, w, (inputs, outputs), 2 * PAIRS, acc) {
         return false;
     }
@@ -34,14 +35,14 @@ pub fn forward(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i3
         // Where fewer sums are left than a panel has, it takes some again.
         let first = first.min(outputs - SUMS);
         panel.put_turned(w.get(first * inputs..(first + SUMS) * inputs).unwrap_or(&[]), inputs);
-        panel.multiply(x, inputs, first, acc, outputs);
+        panel.multiply::<VNNI>(x, inputs, first, acc, outputs);
     }
     true
 }
 
 /// `acc[r][k] = sum of g[r][n] w[n][k]` for `g [rows][N]`, `w [N][K]`, `acc [rows][K]`. Returns whether it did, as [`forward`].
 #[target_feature(enable = "avx2")]
-pub fn transposed(g: &[i16], w: &[i8], outputs: usize, inputs: usize, acc: &mut [i32]) -> bool {
+pub fn transposed<const VNNI: bool>(g: &[i16], w: &[i8], outputs: usize, inputs: usize, acc: &mut [i32]) -> bool {
     if inputs < SUMS || !serves(g, w, (outputs, inputs), 2 * PAIRS, acc) {
         return false;
     }
@@ -53,7 +54,7 @@ pub fn transposed(g: &[i16], w: &[i8], outputs: usize, inputs: usize, acc: &mut 
             let (even, odd) = (channels(even, first), channels(odd, first));
             pair.write(_mm256_set_m128i(_mm_unpackhi_epi8(even, odd), _mm_unpacklo_epi8(even, odd)));
         }
-        panel.multiply(g, outputs, first, acc, inputs);
+        panel.multiply::<VNNI>(g, outputs, first, acc, inputs);
     }
     if let (false, Some(last)) = (outputs.is_multiple_of(2), w.get((outputs - 1) * inputs..)) {
         add_last(g, outputs, last, acc);
@@ -89,7 +90,7 @@ impl Panel {
     /// 16 sums from `first` on of rows `x [rows][terms]`, into `acc [rows][width]`.
     #[inline]
     #[target_feature(enable = "avx2")]
-    fn multiply(&self, x: &[i16], terms: usize, first: usize, acc: &mut [i32], width: usize) {
+    fn multiply<const VNNI: bool>(&self, x: &[i16], terms: usize, first: usize, acc: &mut [i32], width: usize) {
         let rows = (x.len() / terms).min(acc.len() / width);
         let mut at = 0;
         while at < rows {
@@ -108,8 +109,8 @@ impl Panel {
                 width: 4 * width,
             };
             // SAFETY: there are as many rows of `x` and `acc` from here on as the tile has, 16 sums in each of the latter, and
-            // `terms / 2` rows of the panel have been packed.
-            unsafe { tile.of(count) };
+            // `terms / 2` rows of the panel have been packed; with `VNNI` the caller vouches for the processor.
+            unsafe { tile.of::<VNNI>(count) };
             at += count;
         }
     }
@@ -161,7 +162,20 @@ macro_rules! zeros {
 
 /// A row's pair broadcast, times both vectors of weights.
 macro_rules! products {
-    ($at:literal, $a:literal $b:literal) => {
+    (vpdpwssd: $at:literal, $a:literal $b:literal) => {
+        concat!(
+            "vpbroadcastd ymm14, dword ptr [",
+            $at,
+            "]\n",
+            "{{vex}} vpdpwssd ymm",
+            $a,
+            ", ymm12, ymm14\n",
+            "{{vex}} vpdpwssd ymm",
+            $b,
+            ", ymm13, ymm14",
+        )
+    };
+    (vpmaddwd: $at:literal, $a:literal $b:literal) => {
         concat!(
             "vpbroadcastd ymm14, dword ptr [",
             $at,
@@ -197,11 +211,11 @@ macro_rules! sums {
     };
 }
 
-/// A tile: how many rows lie before `y`, and each row's place and sums.
+/// A tile: what multiplies, how many rows lie before `y`, and each row's place and sums.
 macro_rules! tile {
-    ($name:ident, $before_y:literal: $([$at:literal] $a:literal $b:literal),*) => {
+    ($name:ident, $multiply:ident, $before_y:literal: $([$at:literal] $a:literal $b:literal),*) => {
         /// # Safety
-        /// The rows of `x`, of the panel and of `acc` are there, and the processor has AVX2.
+        /// The rows of `x`, of the panel and of `acc` are there, and the processor has the instructions.
         #[target_feature(enable = "avx2")]
         unsafe fn $name(&self) {
             // SAFETY: it reads and writes those rows, `pairs` of the panel and of each row's pairs, and no stack.
@@ -212,7 +226,7 @@ macro_rules! tile {
                     "vpmovsxbw ymm12, xmmword ptr [{panel}]",
                     "vpmovsxbw ymm13, xmmword ptr [{panel} + 16]",
                     "add {panel}, 32",
-                    $(products!($at, $a $b),)*
+                    $(products!($multiply: $at, $a $b),)*
                     "add {x}, 4",
                     "add {y}, 4",
                     "dec {pairs}",
@@ -239,20 +253,31 @@ impl Tile {
     /// Of six rows, or of four.
     ///
     /// # Safety
-    /// As of either.
+    /// As of whichever it is.
     #[inline]
     #[target_feature(enable = "avx2")]
-    unsafe fn of(&self, rows: usize) {
-        if rows == TALL {
-            // SAFETY: the caller says so.
-            unsafe { self.of_6() };
-        } else {
-            // SAFETY: as above.
-            unsafe { self.of_4() };
-        }
+    unsafe fn of<const VNNI: bool>(&self, rows: usize) {
+        let multiply: unsafe fn(&Tile) = match (rows, VNNI) {
+            (TALL, false) => Tile::of_6,
+            (TALL, true) => Tile::of_6_vnni,
+            (_, false) => Tile::of_4,
+            (_, true) => Tile::of_4_vnni,
+        };
+        // SAFETY: the caller says so.
+        unsafe { multiply(self) };
     }
+}
 
-    tile!(of_4, 2: ["{x}"] "0" "1", ["{x} + {row}"] "2" "3", ["{y}"] "4" "5", ["{y} + {row}"] "6" "7");
-    tile!(of_6, 3: ["{x}"] "0" "1", ["{x} + {row}"] "2" "3", ["{x} + 2*{row}"] "4" "5",
+/// Both ways to multiply.
+macro_rules! tiles {
+    ($name:ident, $vnni:ident, $($shape:tt)*) => {
+        tile!($name, vpmaddwd, $($shape)*);
+        tile!($vnni, vpdpwssd, $($shape)*);
+    };
+}
+
+impl Tile {
+    tiles!(of_4, of_4_vnni, 2: ["{x}"] "0" "1", ["{x} + {row}"] "2" "3", ["{y}"] "4" "5", ["{y} + {row}"] "6" "7");
+    tiles!(of_6, of_6_vnni, 3: ["{x}"] "0" "1", ["{x} + {row}"] "2" "3", ["{x} + 2*{row}"] "4" "5",
         ["{y}"] "6" "7", ["{y} + {row}"] "8" "9", ["{y} + 2*{row}"] "10" "11");
 }
