@@ -50,7 +50,8 @@ struct Options {
     /// Seconds a row is timed.
     #[arg(long, default_value_t = 15.0)]
     seconds: f64,
-    /// Folder for desktop.md and desktop.json; without AVX-512 VNNI they are named desktop-avx2, without AVX2 desktop-portable.
+    /// Folder for desktop.md and desktop.json; without AVX-512 VNNI they are named desktop-avxvnni, without that desktop-avx2, without AVX2
+    /// desktop-portable.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print one machine-readable object as the last line.

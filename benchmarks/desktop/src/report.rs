@@ -11,6 +11,7 @@ use crate::timing::quantile;
 /// Instruction sets that the runtime has its widest kernels for.
 const AVX2: &str = "AVX2";
 const VNNI: &str = "AVX-512 VNNI";
+const AVX_VNNI: &str = "AVX-VNNI";
 
 /// Who computes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -141,10 +142,11 @@ impl Machine {
     #[must_use]
     pub fn report(&self) -> &'static str {
         let has = |name| self.instructions.contains(&name);
-        match (has(VNNI), has(AVX2)) {
-            (true, _) => "desktop",
-            (false, true) => "desktop-avx2",
-            (false, false) => "desktop-portable",
+        match [VNNI, AVX_VNNI, AVX2].map(has) {
+            [true, ..] => "desktop",
+            [_, true, _] => "desktop-avxvnni",
+            [.., true] => "desktop-avx2",
+            _ => "desktop-portable",
         }
     }
 }
@@ -156,6 +158,7 @@ fn instructions() -> Vec<&'static str> {
         ("FMA", is_x86_feature_detected!("fma")),
         ("AVX-512F", is_x86_feature_detected!("avx512f")),
         (VNNI, is_x86_feature_detected!("avx512vnni")),
+        (AVX_VNNI, is_x86_feature_detected!("avxvnni")),
     ];
     all.into_iter().filter_map(|(name, has)| has.then_some(name)).collect()
 }
