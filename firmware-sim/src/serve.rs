@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use clap::Args;
 use motionette::Model;
-use motionette::planning::ROWS;
+use motionette::ROWS;
 use motionette::playback::output::Runner;
 use motionette::playback::{Ends, Feeder, Line, Player, Robot};
 use motionette_host::convert::AlignedBlob;

@@ -33,8 +33,6 @@ pub struct Planning {
     pub guided: bool,
     /// Whether the planner sees anchors.
     pub conditioned: bool,
-    /// Rows of the planner that pass through a layer at a time.
-    pub rows: usize,
     /// How often the weights of the planner's layers are read from flash: once for so many rows of a pass.
     pub reads: usize,
     /// Arena bytes; decoding and refinement take the same place afterwards.
@@ -115,6 +113,8 @@ pub struct Report {
     pub frames: usize,
     /// Anchors of the largest request.
     pub anchors: usize,
+    /// Rows that pass through a layer at a time.
+    pub rows: usize,
     /// Planning of the largest request; `None` for requests that bring their tokens, or without a planner.
     pub planning: Option<Planning>,
     /// Decoder evaluations of the solver at most.
@@ -155,16 +155,16 @@ pub fn plan(
     anchors: usize,
     refinement: Config,
     planning: Option<planning::Limits>,
+    rows: usize,
 ) -> Result<Report, Error> {
     let model = blob.model()?;
-    let tokens = tokens.clamp(1, model.max_tokens());
+    let (tokens, rows) = (tokens.clamp(1, model.max_tokens()), rows.clamp(LEAST_ROWS, MOST_ROWS));
     let planning = planning.filter(|_| model.planning().is_some()).map(|limits| {
         let most = model.text().map_or(1, |t| t.max_words());
         let anchors = limits.anchors && anchors > 0 && model.control().is_some();
-        let rows = limits.rows.clamp(LEAST_ROWS, MOST_ROWS);
-        planning::Limits { words: limits.words.clamp(1, most), anchors, rows, ..limits }
+        planning::Limits { words: limits.words.clamp(1, most), anchors, ..limits }
     });
-    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning });
+    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning, rows });
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
     let mut arena = vec![
         share("tokens", plan.token_bytes),
@@ -185,13 +185,13 @@ pub fn plan(
         tokens,
         frames: tokens * model.frames_per_token(),
         anchors,
+        rows,
         planning: planning.map(|limits| Planning {
             words: limits.words,
             steps: limits.steps,
             guided: limits.guided,
             conditioned: limits.anchors,
-            rows: limits.rows,
-            reads: usize::from(limits.steps) * (1 + usize::from(limits.guided)) * (1 + tokens).div_ceil(limits.rows),
+            reads: usize::from(limits.steps) * (1 + usize::from(limits.guided)) * (1 + tokens).div_ceil(rows),
             bytes: plan.planning.all(),
             arena: vec![
                 share("text, keys and values", plan.planning.text),
@@ -214,7 +214,7 @@ pub fn plan(
         // A stream has no anchors.
         stream: stream(
             &model,
-            &StreamLimits { tokens, planning: planning.map(|p| planning::Limits { anchors: false, ..p }) },
+            &StreamLimits { tokens, planning: planning.map(|p| planning::Limits { anchors: false, ..p }), rows },
         ),
         self_test: format!("{:016x}", model.self_test().hash),
     })
@@ -305,10 +305,20 @@ fn stages(blob: &BlobFile, tokens: usize) -> Result<Vec<Share>, Error> {
 #[must_use]
 pub fn model_rs(report: &Report, blob_path: &str) -> String {
     let Report {
-        model, tokens, frames, anchors, solver_evaluations, arena_bytes, flash_bytes, macs, self_test, ..
+        model,
+        tokens,
+        frames,
+        anchors,
+        rows,
+        solver_evaluations,
+        arena_bytes,
+        flash_bytes,
+        macs,
+        self_test,
+        ..
     } = report;
     let planning = report.planning.as_ref().map_or_else(String::new, |p| {
-        let Planning { words, steps, guided, conditioned, rows, .. } = p;
+        let Planning { words, steps, guided, conditioned, .. } = p;
         format!(
             r#"/// Largest request: words of the prompt.
 pub const WORDS: usize = {words};
@@ -318,8 +328,6 @@ pub const STEPS: u16 = {steps};
 pub const GUIDED: bool = {guided};
 /// Largest request: whether anchors may condition the planner.
 pub const CONDITIONED: bool = {conditioned};
-/// What the generator is to be told, where it is not 8: `generator.set_rows(ROWS)`.
-pub const ROWS: usize = {rows};
 "#
         )
     });
@@ -341,6 +349,8 @@ pub const FRAMES: usize = {frames};
 pub const ANCHORS: usize = {anchors};
 /// Largest request: decoder evaluations of the solver.
 pub const EVALUATIONS: u16 = {solver_evaluations};
+/// Rows at a time, which the generator is to be told where they are not 8: `generator.set_rows(ROWS)`.
+pub const ROWS: usize = {rows};
 {planning}/// Arena bytes that such a request takes, exactly.
 pub const ARENA_BYTES: usize = {arena_bytes};
 /// Multiply-accumulates that it takes at most.

@@ -143,8 +143,9 @@ fn plan_counts_the_planner() {
     assert_eq!(number(&without["macs"]) + number(&whole["planning"]["macs"]), number(&whole["macs"]));
     // A pass of 21 rows, twice for guidance, ten times.
     let figures = |options: &str| {
-        let planning = &plan(options)["planning"];
-        ["rows", "reads", "bytes", "macs"].map(|figure| number(&planning[figure]))
+        let report = plan(options);
+        let [reads, bytes, macs] = ["reads", "bytes", "macs"].map(|figure| number(&report["planning"][figure]));
+        [number(&report["rows"]), reads, bytes, macs]
     };
     let [few, some, many] = ["--rows 4", "", "--rows 24"].map(figures);
     assert_eq!([few, some, many].map(|f| (f[0], f[1])), [(4, 120), (8, 60), (24, 20)]);

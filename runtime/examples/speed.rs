@@ -7,11 +7,12 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
+use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::hash::Stream;
 use motionette::motion::humanml3d;
 use motionette::nn::linear::MOST_ROWS;
-use motionette::planning::{Limits, ROWS, Session};
+use motionette::planning::{Limits, Session};
 use motionette::{Model, Planning, Prompt};
 
 /// Timings of each part; the fastest counts.
@@ -27,19 +28,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     let model = Model::open(bytemuck::cast_slice(&aligned))?;
     println!("| part | ms | GMAC/s | digest |");
     println!("|---|---|---|---|");
-    decoder(&model)?;
-    planner(&model, ROWS)?;
-    planner(&model, MOST_ROWS)
+    for rows in [ROWS, MOST_ROWS] {
+        decoder(&model, rows)?;
+        planner(&model, rows)?;
+    }
+    Ok(())
 }
 
-/// The decoder's forward pass and gradient at the longest motion, for root channels and for all.
-fn decoder(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
+/// The decoder's forward pass and gradient at the longest motion, for root channels and for all, so many rows at a time.
+fn decoder(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
     let (decoder, tokens) = (model.decoder(), model.max_tokens());
     for (name, joints) in [("root", 1), ("all", u32::MAX)] {
         let channels = humanml3d::channels(joints);
-        let mut memory = vec![0u128; decoder.workspace_bytes(tokens, channels.count()).div_ceil(16)];
+        let mut memory = vec![0u128; decoder.workspace_bytes(tokens, channels.count(), rows).div_ceil(16)];
         let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
-        let mut work = decoder.workspace(&mut arena, tokens, channels.count())?;
+        let mut work = decoder.workspace(&mut arena, tokens, channels.count(), rows)?;
         let mut stream = Stream::new(1);
         let codes = u32::try_from(model.codebooks().codes())?;
         let mut u = vec![0.0; tokens * decoder.code_width()];
@@ -50,16 +53,21 @@ fn decoder(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
         }
         let mut out = vec![0.0; tokens * model.frames_per_token() * channels.count()];
         let mut du = vec![0.0; u.len()];
-        let macs = decoder.macs(tokens, &channels);
+        let macs = decoder.macs(tokens, &channels, rows);
         let seconds = fastest(|| {
             let _ = decoder.forward(black_box(&u), &channels, &mut out, &mut work, &mut || Ok(()));
         });
-        report(&format!("decoder forward, {name} channels"), seconds, macs, &out);
+        report(&format!("decoder forward, {name} channels, {rows} rows at a time"), seconds, macs, &out);
         let seconds = fastest(|| {
             let _ = decoder.forward(black_box(&u), &channels, &mut out, &mut work, &mut || Ok(()));
             let _ = decoder.backward(&out, &channels, &mut du, &mut work, &mut || Ok(()));
         });
-        report(&format!("decoder forward and gradient, {name} channels"), seconds, 2 * macs, &du);
+        report(
+            &format!("decoder forward and gradient, {name} channels, {rows} rows at a time"),
+            seconds,
+            2 * macs,
+            &du,
+        );
     }
     Ok(())
 }
@@ -68,10 +76,10 @@ fn decoder(model: &Model<'_>) -> Result<(), Box<dyn Error>> {
 fn planner(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
     let Some(modules) = model.planning() else { return Ok(()) };
     let tokens = model.max_tokens();
-    let limits = Limits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false, rows };
-    let mut memory = vec![0u128; modules.bytes(tokens, &limits).all().div_ceil(16)];
+    let limits = Limits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false };
+    let mut memory = vec![0u128; modules.bytes(tokens, &limits, rows).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
-    let mut session = Session::new(modules, &mut arena, tokens, &limits)?;
+    let mut session = Session::new(modules, &mut arena, tokens, &limits, rows)?;
     let _ = session.read(&Prompt::Text(PROMPT), &mut || Ok(()))?;
     let planning = Planning { guidance: 1.0, ..Planning::DEFAULT };
     let mut stream = Stream::new(2);
@@ -82,9 +90,6 @@ fn planner(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
     });
     let macs = modules.planner.pass_macs(tokens, 0, limits.words);
     report(&format!("planner pass, {rows} rows at a time"), seconds, macs, session.logits(tokens - 1));
-    if rows != ROWS {
-        return Ok(());
-    }
     let step = session.tmd().step(0.5, 0.6);
     let seconds = fastest(|| session.advance(&planning, Some(&step), &mut stream, &mut ids));
     let drawn: Vec<f32> = ids.iter().map(|&id| f32::from(id)).collect();

@@ -95,7 +95,7 @@ pub use perception::anchors::{Anchor, Target};
 pub use perception::authoring::Anchors;
 pub use perception::joint::Joint;
 pub use perception::prompt::Prompt;
-pub use plan::{Limits, Plan, StreamLimits, StreamPlan};
+pub use plan::{Limits, Plan, ROWS, StreamLimits, StreamPlan};
 pub use planning::{Fixed, Length, Planning, Sampling, Schedule};
 
 /// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).

@@ -21,7 +21,14 @@ pub struct Limits {
     pub refinement: Config,
     /// Planning from text; `None` for tokens and embeddings.
     pub planning: Option<planning::Limits>,
+    /// How much passes through a layer at a time: so many rows of the planner, 4 to 24 (other numbers count as the nearest of these), and of
+    /// the decoder half as many tokens more. Weights are read once for so much, and it takes room: the motion is the same, memory
+    /// and speed are not.
+    pub rows: usize,
 }
+
+/// [`Limits::rows`] where nobody says otherwise.
+pub const ROWS: usize = 8;
 
 /// Bytes and work of the largest request inside some [`Limits`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,7 +99,7 @@ impl Plan {
         let tokens = limits.tokens;
         let frames = tokens * decoder.upsampling();
         let gate_bytes = decoder.gate_bytes(tokens);
-        let decoder_bytes = decoder.workspace_bytes(tokens, POSITION_CHANNELS) - gate_bytes;
+        let decoder_bytes = decoder.workspace_bytes(tokens, POSITION_CHANNELS, limits.rows) - gate_bytes;
         let columns = rotation_columns(decoder.output());
         let rotation_bytes = bytes_of::<i16>(frames * columns) + bytes_of::<f32>(if columns > 0 { frames } else { 0 });
         let feature_bytes = bytes_of::<f32>(frames * feature_columns(limits.anchors));
@@ -106,16 +113,16 @@ impl Plan {
         }
         let token_bytes = bytes_of::<u16>(tokens * model.codebooks().quantizers());
         let (mut planning, mut planning_macs) = (planning::Bytes::default(), 0);
-        if let (Some(limits), Some(modules)) = (&limits.planning, model.planning()) {
-            planning = modules.bytes(tokens, limits);
-            planning_macs = modules.macs(tokens, limits);
+        if let (Some(planned), Some(modules)) = (&limits.planning, model.planning()) {
+            planning = modules.bytes(tokens, planned, limits.rows);
+            planning_macs = modules.macs(tokens, planned);
         }
         let refining = if solver_bytes > rotation_bytes { solver_bytes } else { rotation_bytes };
         let rest = gate_bytes + decoder_bytes + feature_bytes + path_bytes + embedding_bytes + refining;
-        let whole = decoder.macs(tokens, &channels(u32::MAX));
+        let whole = decoder.macs(tokens, &channels(u32::MAX), limits.rows);
         // The most expensive choice of joints: as many as there are anchors, from the first on.
         let mask = (1u64 << (1 + if limits.anchors < JOINTS { limits.anchors } else { JOINTS })) - 1;
-        let partial = decoder.macs(tokens, &channels(mask as u32));
+        let partial = decoder.macs(tokens, &channels(mask as u32), limits.rows);
         let plan = Plan {
             arena_bytes: token_bytes + if planning.all() > rest { planning.all() } else { rest },
             token_bytes,
@@ -156,6 +163,8 @@ pub struct StreamLimits {
     pub tokens: usize,
     /// Planning of segments; `None` when all tokens are given.
     pub planning: Option<planning::Limits>,
+    /// Rows of the planner that pass through a layer at a time, as [`Limits::rows`]; the decoder takes what it gets.
+    pub rows: usize,
 }
 
 /// Bytes and work of a stream, however long its motion runs.
@@ -199,7 +208,7 @@ impl StreamPlan {
         let token_bytes = bytes_of::<u16>(limits.tokens * model.codebooks().quantizers());
         let (mut planning_bytes, mut planning_macs) = (0, 0);
         if let (Some(planning), Some(modules)) = (&limits.planning, model.planning()) {
-            planning_bytes = bytes_of::<u16>(limits.tokens) + modules.bytes(limits.tokens, planning).all();
+            planning_bytes = bytes_of::<u16>(limits.tokens) + modules.bytes(limits.tokens, planning, limits.rows).all();
             planning_macs = modules.macs(limits.tokens, planning);
         }
         let token_macs = decoder.stream_macs(CHUNK, &channels(u32::MAX));

@@ -1,12 +1,13 @@
 //! Anchors inside the planner, on small random models: their features against dense curves, what they tell the planner against an
 //! f64 oracle, and what a request notices of them.
 
+use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::blob::{ControlConfig, Error as BlobError, Norm, TransformerConfig};
 use motionette::hash::Stream;
 use motionette::perception::anchors::{AnchorSet, FAMILIES, MAX_ANCHORS};
 use motionette::perception::scaffold::{self, Scaffold, Statistics};
-use motionette::planning::{Limits, ROWS, Session};
+use motionette::planning::{Limits, Session};
 use motionette::refining::Config;
 use motionette::{
     Anchor, Error, Flow, Generator, Length, Model, Observer, Planning, Progress, Prompt, Request, Stage, Target,
@@ -171,11 +172,11 @@ fn logits(tiny: &Tiny, scene: &Scene, planning: &Planning<'_>, anchors: bool) ->
     let model = Model::open(tiny.bytes()).expect("the blob opens");
     let modules = model.planning().expect("the blob plans");
     let tokens = scene.tokens.len();
-    let limits = Limits { words: IDS.len(), steps: 1, guided: planning.guided(), anchors, rows: ROWS };
-    let bytes = modules.bytes(tokens, &limits).all();
+    let limits = Limits { words: IDS.len(), steps: 1, guided: planning.guided(), anchors };
+    let bytes = modules.bytes(tokens, &limits, ROWS).all();
     let mut words = vec![0u128; bytes / 16];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut words));
-    let mut session = Session::new(modules, &mut arena, tokens, &limits).expect("the planned bytes suffice");
+    let mut session = Session::new(modules, &mut arena, tokens, &limits, ROWS).expect("the planned bytes suffice");
     assert_eq!(arena.used(), bytes, "planned bytes are what a session takes");
     let _ = session.read(&Prompt::Text(PROMPT), &mut || Ok(())).unwrap().unwrap();
     let set = AnchorSet::new(&scene.anchors, tokens * model.frames_per_token()).expect("the anchors are valid");
@@ -377,7 +378,7 @@ fn planned_work_is_that_of_the_layers() {
     let modules = model.planning().unwrap();
     let (l, d, layers, steps) = (6u64, 8u64, 2u64, 4u64);
     let (ds, hs, blocks, fw, r) = (6u64, 9u64, 2u64, 5u64, 3u64);
-    let limits = Limits { words: 5, steps: 4, guided: true, anchors: false, rows: ROWS };
+    let limits = Limits { words: 5, steps: 4, guided: true, anchors: false };
     let without = modules.macs(6, &limits);
     let scaffold = l * (4 * 244 * fw + 4 * fw * ds + blocks * (4 * ds * ds + 2 * l * ds + 2 * ds * hs));
     let once = scaffold + layers * l * (ds * r + r * 2 * d) + ds * ds + ds * d + l * ds * d;

@@ -1,5 +1,6 @@
 //! The runtime's decoder, recovery and gradients against an f64 oracle, on small random models.
 
+use motionette::ROWS;
 use motionette::hash::Stream;
 use motionette::{Error, Generator, Limits, Model, Plan, Request};
 use motionette_tests::naive;
@@ -7,7 +8,7 @@ use motionette_tests::tiny::{Shape, Tiny};
 
 fn generate(model: &Model<'_>, request: &Request<'_>) -> (Vec<f32>, Vec<f32>) {
     let refinement = request.refinement.unwrap_or_default();
-    let limits = Limits { tokens: 64, anchors: request.anchors.len(), refinement, planning: None };
+    let limits = Limits { tokens: 64, anchors: request.anchors.len(), refinement, planning: None, rows: ROWS };
     let mut arena = vec![0u8; Plan::for_request(model, &limits).arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).expect("default floating point");
     let motion = generator.generate(request, &mut ()).expect("request is valid");

@@ -1,12 +1,17 @@
 //! Input gradients of the runtime's decoder and recovery against central differences of the f64 oracle.
 
 use motionette::Model;
+use motionette::ROWS;
 use motionette::arena::Arena;
-use motionette::decoding::decoder::{CHUNK, Interrupted};
+use motionette::decoding::decoder::Interrupted;
 use motionette::hash::Stream;
 use motionette::motion::humanml3d::{Features, Path, channels};
+use motionette::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};
+
+/// Tokens that pass at a time.
+const CHUNK: usize = ROWS + ROWS / 2;
 
 /// One term `d . position(joint, frame)` of a linear objective.
 struct Term {
@@ -16,7 +21,7 @@ struct Term {
 }
 
 /// `dJ/du` by the runtime for `J = sum of terms`.
-fn runtime_gradient(model: &Model<'_>, u: &[f32], terms: &[Term]) -> Vec<f32> {
+fn runtime_gradient(model: &Model<'_>, u: &[f32], terms: &[Term], rows: usize) -> Vec<f32> {
     let decoder = model.decoder();
     let tokens = u.len() / decoder.code_width();
     let frames = tokens * decoder.upsampling();
@@ -24,7 +29,7 @@ fn runtime_gradient(model: &Model<'_>, u: &[f32], terms: &[Term]) -> Vec<f32> {
     let selected = channels(joints);
     let mut memory = vec![0u8; 1 << 22];
     let mut arena = Arena::new(&mut memory);
-    let mut work = decoder.workspace(&mut arena, tokens, selected.count()).unwrap();
+    let mut work = decoder.workspace(&mut arena, tokens, selected.count(), rows).unwrap();
     let mut take = |count| arena.take::<f32>(count).unwrap();
     let mut path = Path {
         cos: take(frames),
@@ -101,7 +106,14 @@ fn gradients_agree_with_central_differences_for_every_shape() {
             let root_only = vec![Term { joint: 0, frame: frames - 1, d: [1.0, 0.5, -0.7] }];
             let joint_only = vec![Term { joint: 15, frame: frames / 2, d: [0.3, 0.0, 1.0] }];
             for terms in [many, root_only, joint_only] {
-                let got = runtime_gradient(&model, &u, &terms);
+                let got = runtime_gradient(&model, &u, &terms, ROWS);
+                for rows in [LEAST_ROWS, 13, MOST_ROWS] {
+                    let same = runtime_gradient(&model, &u, &terms, rows);
+                    assert!(
+                        same.iter().map(|v| v.to_bits()).eq(got.iter().map(|v| v.to_bits())),
+                        "{rows} rows at a time"
+                    );
+                }
                 let want = oracle_gradient(&tiny, &u, &terms, stride);
                 let norm = want.iter().map(|v| v * v).sum::<f64>().sqrt();
                 let got = got.iter().step_by(stride);

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use motionette::decoding::decoder::CHUNK;
+use motionette::ROWS;
 use motionette::hash::Stream;
 use motionette::kernels::count;
 use motionette::motion::humanml3d::POSITION_CHANNELS;
@@ -17,6 +17,8 @@ use motionette_tests::fuzz;
 use motionette_tests::standard;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 
+/// Tokens that pass the decoder at a time.
+const CHUNK: usize = ROWS + ROWS / 2;
 /// What memory holds before.
 const PAINT: u8 = 0xC3;
 /// Requests on small models and on the bundled one.
@@ -228,8 +230,8 @@ impl Seen {
         let guided = random.below(2) == 0;
         let (words, rows) = (text.split(' ').count(), random.below(30) as usize);
         let planned = model.planning().is_some() && encoder && random.below(4) > 0;
-        let planning = planned.then_some(planning::Limits { words, steps, guided, anchors: false, rows });
-        let limits = StreamLimits { tokens: capacity, planning };
+        let planning = planned.then_some(planning::Limits { words, steps, guided, anchors: false });
+        let limits = StreamLimits { tokens: capacity, planning, rows };
         let plan = StreamPlan::new(model, &limits);
         let mut memory = Painted::new(plan.arena_bytes);
         let mut generator = Generator::new(model.clone(), memory.bytes()).expect("default floating point");
@@ -335,7 +337,10 @@ fn layers_take_no_more_for_longer_motions() {
     let blob = BlobFile::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob")).expect("bundled");
     let nano = blob.model().expect("nano opens");
     let plan = |tokens| {
-        Plan::for_request(&nano, &Limits { tokens, anchors: 8, refinement: Config::default(), planning: None })
+        Plan::for_request(
+            &nano,
+            &Limits { tokens, anchors: 8, refinement: Config::default(), planning: None, rows: ROWS },
+        )
     };
     let (short, long) = (plan(CHUNK), plan(nano.max_tokens()));
     assert_eq!(short.decoder_bytes, long.decoder_bytes);

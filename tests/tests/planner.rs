@@ -1,10 +1,11 @@
 //! The planner against an f64 oracle on small random models: text encoder, length, logits, and the sampler's marginals.
 
+use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::blob::{Activation, Norm};
 use motionette::hash::Stream;
 use motionette::planning::tmd::{Metric, Tmd};
-use motionette::planning::{Limits, ROWS, Session};
+use motionette::planning::{Limits, Session};
 use motionette::{Fixed, Flow, Generator, Length, Model, Observer, Planning, Prompt, Request, Sampling};
 use motionette_tests::naive_prior::{self, Rows, Scene};
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
@@ -17,10 +18,10 @@ const IDS: [u16; 6] = [2, 3, 1, 1, 6, 7];
 fn session<T>(tiny: &Tiny, tokens: usize, limits: Limits, work: impl FnOnce(&mut Session<'_, '_, '_>) -> T) -> T {
     let model = Model::open(tiny.bytes()).expect("the blob opens");
     let modules = model.planning().expect("the blob plans");
-    let bytes = modules.bytes(tokens, &limits).all();
+    let bytes = modules.bytes(tokens, &limits, ROWS).all();
     let mut words = vec![0u128; bytes / 16];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut words));
-    let mut session = Session::new(modules, &mut arena, tokens, &limits).expect("the planned bytes suffice");
+    let mut session = Session::new(modules, &mut arena, tokens, &limits, ROWS).expect("the planned bytes suffice");
     assert_eq!(arena.used(), bytes, "planned bytes are what a session takes");
     work(&mut session)
 }
@@ -79,7 +80,7 @@ fn logits_agree_with_the_oracle_for_every_shape_and_scene() {
         let tiny = Tiny::new(shape.clone(), 70 + seed as u64);
         for scene in scenes() {
             for guidance in [1.0f32, 2.5, 0.0] {
-                let limits = Limits { words: IDS.len(), steps: 1, guided: guidance != 1.0, anchors: false, rows: ROWS };
+                let limits = Limits { words: IDS.len(), steps: 1, guided: guidance != 1.0, anchors: false };
                 let mut fixed = Vec::new();
                 let planning = planning(&scene, &mut fixed, guidance);
                 let got: Rows = session(&tiny, scene.tokens.len(), limits, |session| {
@@ -127,7 +128,7 @@ fn stored_prompts_and_lengths_agree_with_the_oracle() {
         let tiny = Tiny::new(shape, 81);
         let scene = &scenes()[1];
         for (index, name, rows) in [(1, "wave", 3), (2, "stand still", 1), (0, "<none>", 2)] {
-            let limits = Limits { words: rows, steps: 1, guided: true, anchors: false, rows: ROWS };
+            let limits = Limits { words: rows, steps: 1, guided: true, anchors: false };
             let (got, length): (Rows, usize) = session(&tiny, 7, limits, |session| {
                 let heard = session.read(&Prompt::Bank(name), &mut || Ok(())).unwrap().unwrap();
                 assert_eq!((usize::from(heard.words), heard.unknown_words), (rows, 0));
@@ -282,7 +283,7 @@ fn the_first_step_of_whole_requests_has_the_marginals_of_the_sampler() {
     let expected = |temperature: f64, c: f64| {
         let mut p = vec![0.0; 5];
         for z in 0..5u16 {
-            let limits = Limits { words: 3, steps: 1, guided: false, anchors: false, rows: ROWS };
+            let limits = Limits { words: 3, steps: 1, guided: false, anchors: false };
             let logits: Vec<f64> = session(&tiny, 1, limits, |session| {
                 let _ = session.read(&Prompt::Text("a person waves"), &mut || Ok(())).unwrap();
                 let planning = Planning { guidance: 1.0, ..Planning::DEFAULT };

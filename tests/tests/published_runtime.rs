@@ -5,6 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
+use motionette::ROWS;
 use motionette::decoding::codebook::Codebooks;
 use motionette::nn::output::Channels;
 use motionette::{Limits, Model, Plan, Request, arena::Arena};
@@ -56,9 +57,9 @@ fn features(model: &Model<'_>, tokens: &[u16]) -> Vec<f32> {
     assert!(all.push(0, decoder.features()));
     let mut u = vec![0.0; length * decoder.code_width()];
     codebooks.embed(tokens, &mut u).expect("published ids");
-    let mut bytes = vec![0_u128; decoder.workspace_bytes(length, all.count()).div_ceil(16)];
+    let mut bytes = vec![0_u128; decoder.workspace_bytes(length, all.count(), ROWS).div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut bytes));
-    let mut work = decoder.workspace(&mut arena, length, all.count()).expect("an arena as planned");
+    let mut work = decoder.workspace(&mut arena, length, all.count(), ROWS).expect("an arena as planned");
     let mut out = vec![0.0; length * decoder.upsampling() * all.count()];
     decoder.forward(&u, &all, &mut out, &mut work, &mut || Ok(())).expect("not interrupted");
     out
@@ -116,8 +117,13 @@ fn self_test_of_a_converted_blob_passes() {
     let blob = blob(&folder.join("rvq.safetensors"));
     let model = blob.model().expect("checked");
     let test = model.self_test();
-    let limits =
-        Limits { tokens: usize::from(test.tokens), anchors: 0, refinement: Default::default(), planning: None };
+    let limits = Limits {
+        tokens: usize::from(test.tokens),
+        anchors: 0,
+        refinement: Default::default(),
+        planning: None,
+        rows: ROWS,
+    };
     let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(16)];
     let mut generator =
         motionette::Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).expect("default rounding");

@@ -1,6 +1,7 @@
 //! A motion decoded in segments against the same motion decoded whole: every bit equal, however it is cut; exactly the
 //! arena that is planned; interrupted anywhere.
 
+use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::decoding::decoder::Interrupted;
 use motionette::hash::Stream;
@@ -39,7 +40,8 @@ fn random_tokens(model: &Model<'_>, length: usize, random: &mut Stream) -> Vec<u
 
 /// Bits of all joints of the motion of `tokens`, decoded whole.
 fn whole(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
-    let limits = Limits { tokens: model.max_tokens(), anchors: 0, refinement: Default::default(), planning: None };
+    let limits =
+        Limits { tokens: model.max_tokens(), anchors: 0, refinement: Default::default(), planning: None, rows: ROWS };
     let mut arena = vec![0u8; Plan::for_request(model, &limits).arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).expect("default floating point");
     let motion = generator.generate(&Request::tokens(tokens), &mut ()).expect("request is valid");
@@ -52,9 +54,9 @@ fn whole_of_any_length(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
     let length = tokens.len() / model.codebooks().quantizers();
     let frames = length * decoder.upsampling();
     let all = channels(u32::MAX);
-    let mut memory = vec![0u8; decoder.workspace_bytes(length, POSITION_CHANNELS) + 16 * frames + 256];
+    let mut memory = vec![0u8; decoder.workspace_bytes(length, POSITION_CHANNELS, ROWS) + 16 * frames + 256];
     let mut arena = Arena::new(&mut memory);
-    let mut work = decoder.workspace(&mut arena, length, POSITION_CHANNELS).unwrap();
+    let mut work = decoder.workspace(&mut arena, length, POSITION_CHANNELS, ROWS).unwrap();
     let mut take = |count| arena.take::<f32>(count).unwrap();
     let (cos, sin, x, z) = (take(frames), take(frames), take(frames), take(frames));
     let mut path = Path { cos, sin, x, z, d_angle: &mut [], d_x: &mut [], d_z: &mut [] };
@@ -79,7 +81,7 @@ fn drain(stream: &mut MotionStream<'_, '_>, most: usize, joints: &mut Vec<u32>) 
 /// itself on the way.
 fn segments(model: &Model<'_>, tokens: &[u16], room: usize, mut cut: impl FnMut() -> usize) -> Vec<u32> {
     let quantizers = model.codebooks().quantizers();
-    let limits = StreamLimits { tokens: room, planning: None };
+    let limits = StreamLimits { tokens: room, planning: None, rows: ROWS };
     let plan = StreamPlan::new(model, &limits);
     let mut arena = vec![PAINT; plan.arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).expect("default floating point");
@@ -179,7 +181,7 @@ fn the_radius_is_how_far_a_token_reaches() {
         assert_eq!(model.decoder().radius_tokens(), radius.div_ceil(up), "{shape:?}");
         let plan = Plan::for_request(
             &model,
-            &Limits { tokens: 3, anchors: 0, refinement: Default::default(), planning: None },
+            &Limits { tokens: 3, anchors: 0, refinement: Default::default(), planning: None, rows: ROWS },
         );
         assert_eq!((plan.radius_tokens, plan.latency_frames), (radius.div_ceil(up), radius));
     }
@@ -191,7 +193,7 @@ fn the_arena_is_exactly_as_large_as_the_plan_says_however_long_the_motion() {
     let tiny = Tiny::new(Shape::default(), 6);
     let file = nano();
     for model in [Model::open(tiny.bytes()).unwrap(), file.model().unwrap()] {
-        let limits = StreamLimits { tokens: 9, planning: None };
+        let limits = StreamLimits { tokens: 9, planning: None, rows: ROWS };
         let plan = StreamPlan::new(&model, &limits);
         let planned = plan.arena_bytes;
         let mut words = vec![0u128; (planned + 4096) / 16];
@@ -237,8 +239,8 @@ fn stopped_at_any_observer_call_the_motion_goes_on_there_and_the_generator_is_us
     let mut random = Stream::new(5);
     let tokens = random_tokens(&model, 7, &mut random);
     let want = whole(&model, &tokens);
-    let limits = StreamLimits { tokens: 7, planning: None };
-    let request = Limits { tokens: 7, anchors: 0, refinement: Default::default(), planning: None };
+    let limits = StreamLimits { tokens: 7, planning: None, rows: ROWS };
+    let request = Limits { tokens: 7, anchors: 0, refinement: Default::default(), planning: None, rows: ROWS };
     let bytes = StreamPlan::new(&model, &limits).arena_bytes.max(Plan::for_request(&model, &request).arena_bytes);
     let mut arena = vec![0u8; bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
@@ -280,9 +282,9 @@ fn bad_tokens_are_typed_errors_and_the_motion_goes_on() {
     let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
     let refused = |limit| Err(Error::Tokens { found: limit, limit: 49 });
     for tokens in [0, 50] {
-        assert_eq!(generator.stream(&StreamLimits { tokens, planning: None }).map(|_| ()), refused(tokens));
+        assert_eq!(generator.stream(&StreamLimits { tokens, planning: None, rows: ROWS }).map(|_| ()), refused(tokens));
     }
-    let mut stream = generator.stream(&StreamLimits { tokens: 3, planning: None }).unwrap();
+    let mut stream = generator.stream(&StreamLimits { tokens: 3, planning: None, rows: ROWS }).unwrap();
     stream.push(&[1, 2]).unwrap();
     assert_eq!(stream.push(&[1, 2, 3]), refused(3));
     assert_eq!(stream.push(&[1, 2, 3, 11]), Err(Error::TokenOutOfRange { index: 3, token: 11, codes: 11 }));
@@ -296,7 +298,7 @@ fn bad_tokens_are_typed_errors_and_the_motion_goes_on() {
     assert!(joints == whole(&model, &[1, 2, 3, u16::MAX]));
 
     // No tokens, no frames.
-    let mut stream = generator.stream(&StreamLimits { tokens: 3, planning: None }).unwrap();
+    let mut stream = generator.stream(&StreamLimits { tokens: 3, planning: None, rows: ROWS }).unwrap();
     assert_eq!(stream.frames(&mut ()).map(|frames| frames.is_none()), Ok(true));
     stream.finish();
     let mut joints = Vec::new();
@@ -312,7 +314,7 @@ fn a_moved_origin_moves_the_frames_and_nothing_else() {
     let want: Vec<f64> = whole(&model, &tokens).into_iter().map(|bits| f64::from(f32::from_bits(bits))).collect();
     let mut arena = vec![0u8; 1 << 18];
     let mut generator = Generator::new(model, &mut arena).unwrap();
-    let mut stream = generator.stream(&StreamLimits { tokens: 40, planning: None }).unwrap();
+    let mut stream = generator.stream(&StreamLimits { tokens: 40, planning: None, rows: ROWS }).unwrap();
     stream.push(&tokens).unwrap();
     stream.finish();
     let (mut got, mut origin) = (Vec::new(), [0.0f64; 2]);

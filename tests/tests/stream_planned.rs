@@ -1,6 +1,7 @@
 //! A motion planned piece by piece: each segment is what a request with its context given would make, seams are no rougher
 //! than the rest, and the observer may stop it anywhere.
 
+use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::hash::Stream;
 use motionette::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
@@ -21,14 +22,20 @@ fn tiny() -> Tiny {
 }
 
 fn limits(model: &Model<'_>, steps: u16) -> StreamLimits {
-    let planning = planning::Limits { words: WORDS, steps, guided: true, anchors: false, rows: planning::ROWS };
-    StreamLimits { tokens: model.max_tokens(), planning: Some(planning) }
+    let planning = planning::Limits { words: WORDS, steps, guided: true, anchors: false };
+    StreamLimits { tokens: model.max_tokens(), planning: Some(planning), rows: ROWS }
 }
 
 /// Memory for streams and whole requests.
 fn memory(model: &Model<'_>, steps: u16) -> Vec<u8> {
     let limits = limits(model, steps);
-    let whole = Limits { tokens: limits.tokens, anchors: 0, refinement: Default::default(), planning: limits.planning };
+    let whole = Limits {
+        tokens: limits.tokens,
+        anchors: 0,
+        refinement: Default::default(),
+        planning: limits.planning,
+        rows: ROWS,
+    };
     let bytes = StreamPlan::new(model, &limits).arena_bytes.max(Plan::for_request(model, &whole).arena_bytes);
     vec![0; bytes + 16]
 }
@@ -109,7 +116,7 @@ fn each_segment_is_what_a_request_with_its_context_given_makes() {
             assert_eq!(stream.plan(&Request::text("run"), &mut ()), Err(Error::Finished));
             joints.extend(drain(&mut stream));
             // The frames are those of the tokens, as another stream that is given them has them.
-            let mut stream = generator.stream(&StreamLimits { tokens: 8, planning: None }).unwrap();
+            let mut stream = generator.stream(&StreamLimits { tokens: 8, planning: None, rows: ROWS }).unwrap();
             let mut given = Vec::new();
             for tokens in want.chunks(8) {
                 stream.push(tokens).unwrap();
@@ -294,7 +301,7 @@ fn bad_segments_are_typed_errors_and_the_motion_goes_on() {
     let mut arena = vec![0; 1 << 20];
     let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
     assert_eq!(generator.stream(&limits(&model, 2)).map(|_| ()), Err(PlanningError::NoPlanner.into()));
-    let mut stream = generator.stream(&StreamLimits { tokens: 9, planning: None }).unwrap();
+    let mut stream = generator.stream(&StreamLimits { tokens: 9, planning: None, rows: ROWS }).unwrap();
     assert_eq!(stream.plan(&request, &mut ()), Err(PlanningError::NoPlanner.into()));
 }
 
@@ -390,8 +397,8 @@ fn forgetful(model: &Model<'_>, tokens: &[u16]) -> Vec<Frame> {
     let all = channels(u32::MAX);
     let mut values: Vec<f32> = Vec::new();
     for tokens in tokens.chunks(LENGTH) {
-        let mut memory = vec![0u8; decoder.workspace_bytes(tokens.len(), POSITION_CHANNELS) + 16];
-        let mut work = decoder.workspace(&mut Arena::new(&mut memory), tokens.len(), POSITION_CHANNELS).unwrap();
+        let mut memory = vec![0u8; decoder.workspace_bytes(tokens.len(), POSITION_CHANNELS, ROWS) + 16];
+        let mut work = decoder.workspace(&mut Arena::new(&mut memory), tokens.len(), POSITION_CHANNELS, ROWS).unwrap();
         let mut u = vec![0.0; tokens.len() * decoder.code_width()];
         model.codebooks().embed(tokens, &mut u).unwrap();
         let mut piece = vec![0.0; tokens.len() * per_token * all.count()];
@@ -422,8 +429,8 @@ fn no_seam_shows_across_twenty_segments() {
         eprintln!("skipped: the bundled model has no planner");
         return;
     }
-    let planning = planning::Limits { words: 8, steps: 10, guided: true, anchors: false, rows: planning::ROWS };
-    let limits = StreamLimits { tokens: WINDOW, planning: Some(planning) };
+    let planning = planning::Limits { words: 8, steps: 10, guided: true, anchors: false };
+    let limits = StreamLimits { tokens: WINDOW, planning: Some(planning), rows: ROWS };
     let mut arena = vec![0u8; 1 << 20];
     let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
     let prompts = ["a person walks", "a person dances", "a person waves the right hand", "a person runs"];
@@ -450,7 +457,7 @@ fn no_seam_shows_across_twenty_segments() {
                 Planning { start_open: true, end_open: true, ..request.seed(1000 * seed as u64 + k).planning };
             tokens.extend(generator.generate(&request.planned(planning), &mut ()).unwrap().tokens());
         }
-        let mut stream = generator.stream(&StreamLimits { tokens: LENGTH, planning: None }).unwrap();
+        let mut stream = generator.stream(&StreamLimits { tokens: LENGTH, planning: None, rows: ROWS }).unwrap();
         let mut frames = Vec::new();
         for tokens in tokens.chunks(LENGTH) {
             stream.push(tokens).unwrap();

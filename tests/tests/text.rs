@@ -1,5 +1,6 @@
 //! Requests by text through the generator, on small random models: replay, options, given tokens, memory, stops, bad input.
 
+use motionette::ROWS;
 use motionette::blob::{Error as BlobError, TransformerConfig};
 use motionette::hash::Stream;
 use motionette::nn::linear::{LEAST_ROWS, MOST_ROWS};
@@ -7,7 +8,7 @@ use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::PromptError;
 use motionette::perception::text::MAX_PROMPT;
 use motionette::planning::sampling::SamplingError;
-use motionette::planning::{Limits, PlanningError, ROWS, Session};
+use motionette::planning::{Limits, PlanningError, Session};
 use motionette::refining::Config;
 use motionette::{
     Anchor, Error, Fixed, Flow, Generator, Length, Model, Motion, Observer, Planning, Progress, Prompt, Request,
@@ -166,11 +167,11 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
         let request = Request { anchors, ..base().seed(seed).sampling(sampling).fixed(&fixed).steps(5) };
         let got = with(&tiny, |generator| trace(generator, &request));
 
-        let limits = Limits { words: 6, steps: 5, guided: true, anchors: true, rows: ROWS };
+        let limits = Limits { words: 6, steps: 5, guided: true, anchors: true };
         let modules = model.planning().unwrap();
-        let mut words = vec![0u128; modules.bytes(6, &limits).all() / 16];
+        let mut words = vec![0u128; modules.bytes(6, &limits, ROWS).all() / 16];
         let mut arena = motionette::arena::Arena::new(bytemuck::cast_slice_mut(&mut words));
-        let mut session = Session::new(modules, &mut arena, 6, &limits).unwrap();
+        let mut session = Session::new(modules, &mut arena, 6, &limits, ROWS).unwrap();
         let _ = session.read(&Prompt::Text("a person waves the left hand"), &mut || Ok(())).unwrap();
         session.anchor(&AnchorSet::new(anchors, 24).unwrap(), 6, &mut || Ok(())).unwrap();
         let mut stream = Stream::new(seed);
@@ -276,20 +277,20 @@ fn more_rows_at_a_time_take_more_memory_and_give_the_same_motion() {
     let controlled = Tiny::new(Shape { prior: Some(PriorShape::with_control()), ..Shape::with_prior() }, 33);
     let anchors = [Anchor::root(41, [0.1, 0.9, 0.2]), Anchor::root(3, [0.0, 0.9, 0.0])];
     with(&controlled, |generator| {
-        let request = base().length(Length::Tokens(13)).through(&anchors);
+        let request = base().length(Length::Tokens(13)).through(&anchors).refined(Config::fast(4));
         let mut made = |rows: usize| {
             generator.set_rows(rows);
             let plan = generator.plan(&request).unwrap();
             let motion = generator.generate(&request, &mut ()).unwrap();
             assert_eq!((motion.arena_used, motion.unconditioned_anchors()), (plan.arena_bytes, 0));
-            (motion.hash(), plan.planning.all())
+            (motion.hash(), plan.planning.all(), plan.decoder_bytes)
         };
         let least = made(LEAST_ROWS);
         let mut before = least;
         for rows in LEAST_ROWS + 1..=MOST_ROWS {
             let now = made(rows);
             assert_eq!(now.0, before.0, "{rows} rows");
-            assert!(now.1 > before.1, "{rows} rows take {} bytes, one row less {}", now.1, before.1);
+            assert!(now.1 > before.1 && now.2 >= before.2, "{rows} rows: {now:?}, one less: {before:?}");
             before = now;
         }
         assert_eq!([made(0), made(usize::MAX)], [least, before]);
@@ -610,7 +611,7 @@ fn planned_work_is_that_of_the_layers() {
     // Distances are computed for eight codes side by side.
     let (steps, side_by_side) = (4, v.next_multiple_of(8));
     let want = read(n) + read(1) + dt * 13 + steps * (pass(n) + pass(1) + l * (d * v + side_by_side * du));
-    let limits = Limits { words: 5, steps: 4, guided: true, anchors: false, rows: ROWS };
+    let limits = Limits { words: 5, steps: 4, guided: true, anchors: false };
     assert_eq!(modules.macs(6, &limits), want);
     let alone = read(n) + dt * 13 + steps * (pass(n) + l * (d * v + side_by_side * du));
     assert_eq!(modules.macs(6, &Limits { guided: false, ..limits }), alone);

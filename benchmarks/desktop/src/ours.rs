@@ -1,6 +1,7 @@
 //! The runtime, called as `runtime/examples/speed.rs` calls it.
 
 use anyhow::{Context, Result, anyhow};
+
 use motionette::arena::Arena;
 use motionette::decoding::decoder::Workspace;
 use motionette::hash::Stream;
@@ -44,8 +45,8 @@ impl<'m> Decoder<'m> {
     /// When they are too small, which would be a bug.
     pub fn new(model: &'m Model<'m>, channels: Channels) -> Result<Self> {
         let (decoder, tokens) = (model.decoder(), model.max_tokens());
-        let mut arena = Arena::new(memory(decoder.workspace_bytes(tokens, channels.count())));
-        let work = decoder.workspace(&mut arena, tokens, channels.count())?;
+        let mut arena = Arena::new(memory(decoder.workspace_bytes(tokens, channels.count(), MOST_ROWS)));
+        let work = decoder.workspace(&mut arena, tokens, channels.count(), MOST_ROWS)?;
         let features = vec![0.0; tokens * model.frames_per_token() * channels.count()];
         Ok(Self { model, channels, work, features, gradient: vec![0.0; tokens * decoder.code_width()] })
     }
@@ -83,10 +84,9 @@ impl<'m> Planner<'m> {
     /// # Errors
     /// When the model knows none of its words.
     pub fn new(modules: Modules<'m, 'm>, tokens: usize) -> Result<Self> {
-        let limits =
-            Limits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false, rows: MOST_ROWS };
-        let mut arena = Arena::new(memory(modules.bytes(tokens, &limits).all()));
-        let mut session = Session::new(modules, &mut arena, tokens, &limits)?;
+        let limits = Limits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false };
+        let mut arena = Arena::new(memory(modules.bytes(tokens, &limits, MOST_ROWS).all()));
+        let mut session = Session::new(modules, &mut arena, tokens, &limits, MOST_ROWS)?;
         let read = session.read(&Prompt::Text(PROMPT), &mut || Ok(()))?;
         read.map_err(|_| anyhow!("reading was interrupted"))?;
         Ok(Self { session, stream: Stream::new(2) })

@@ -234,7 +234,7 @@ impl Report {
              side by side; gradients by its autograd, or by hand as convolutions with the taps reversed (its autograd computes the \
              gradients of the weights too, nobody can switch that off). tract has no autograd: forward and gradient are one graph \
              wired by hand.\n\
-             - Ours: the planner takes 24 rows at a time (`Generator::set_rows`), for which a desktop has the memory; a firmware takes 8 unless \
+             - Ours takes 24 rows at a time (`Generator::set_rows`), for which a desktop has the memory; a firmware takes 8 unless \
              told otherwise.\n\
              - In the peers' favour: inputs lie ready in their own layout, embeddings are added up and the text is encoded beforehand. \
              Ours does all that within its time where the row needs it.\n\n\

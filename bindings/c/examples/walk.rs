@@ -33,8 +33,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (_, blob, _) = unsafe { blocks.align_to::<u8>() };
     let model = Model::open(blob)?;
 
-    let planning = Some(planning::Limits { words: 8, steps: 5, guided: true, anchors: true, rows: planning::ROWS });
-    let plan = Plan::for_request(&model, &Limits { tokens: 15, anchors: 2, refinement: Config::fast(20), planning });
+    let planning = Some(planning::Limits { words: 8, steps: 5, guided: true, anchors: true });
+    let plan = Plan::for_request(
+        &model,
+        &Limits { tokens: 15, anchors: 2, refinement: Config::fast(20), planning, rows: motionette::ROWS },
+    );
     println!("plan: {} bytes of arena, {} million multiply-accumulates", plan.arena_bytes, plan.macs / 1_000_000);
 
     let mut arena = vec![0; plan.arena_bytes + 15];

@@ -20,7 +20,7 @@
 // Words of `mtn_model`'s storage.
 #define MTN_MODEL_WORDS 496
 
-// Rows of the planner that pass through a layer at a time unless a generator is told otherwise.
+// Rows that pass through a layer at a time unless a generator is told otherwise.
 #define MTN_ROWS 8
 
 // Joints of the body skeleton.
@@ -245,7 +245,7 @@ typedef struct mtn_limits {
     uint16_t evaluations;
     // Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
     float guidance;
-    // Rows of the planner that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
+    // Rows that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
     size_t rows;
 } mtn_limits;
 
@@ -436,9 +436,10 @@ struct mtn_result mtn_generator_open(struct mtn_generator *generator,
                                      void *arena,
                                      size_t arena_bytes);
 
-// Has `rows` rows of the planner pass through a layer at a time, from now on, instead of `MTN_ROWS`: 4 to 24, other numbers count
-// as the nearest of these. Weights are read once for so many, so more are faster, most of all where the blob lies in slow flash;
-// each takes room, which `mtn_model_plan` says for the same `rows` in its limits. The motion is the same.
+// Has `rows` rows of the planner pass through a layer at a time, and of the decoder half as many tokens more, from now on, instead of
+// `MTN_ROWS`: 4 to 24, other numbers count as the nearest of these. Weights are read once for so many, so more are faster, most of
+// all where the blob lies in slow flash; each takes room, which `mtn_model_plan` says for the same `rows` in its limits. The motion
+// is the same.
 //
 // # Safety
 // As of `mtn_generate`.

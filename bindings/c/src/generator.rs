@@ -146,9 +146,10 @@ pub unsafe extern "C" fn mtn_generator_open(
     })
 }
 
-/// Has `rows` rows of the planner pass through a layer at a time, from now on, instead of `MTN_ROWS`: 4 to 24, other numbers count
-/// as the nearest of these. Weights are read once for so many, so more are faster, most of all where the blob lies in slow flash;
-/// each takes room, which `mtn_model_plan` says for the same `rows` in its limits. The motion is the same.
+/// Has `rows` rows of the planner pass through a layer at a time, and of the decoder half as many tokens more, from now on, instead of
+/// `MTN_ROWS`: 4 to 24, other numbers count as the nearest of these. Weights are read once for so many, so more are faster, most of
+/// all where the blob lies in slow flash; each takes room, which `mtn_model_plan` says for the same `rows` in its limits. The motion
+/// is the same.
 ///
 /// # Safety
 /// As of `mtn_generate`.

@@ -32,9 +32,9 @@ const _: () = assert!(
     "a model does not fit its storage: raise MTN_MODEL_WORDS"
 );
 
-/// Rows of the planner that pass through a layer at a time unless a generator is told otherwise.
+/// Rows that pass through a layer at a time unless a generator is told otherwise.
 pub const MTN_ROWS: usize = 8;
-const _: () = assert!(MTN_ROWS == planning::ROWS);
+const _: () = assert!(MTN_ROWS == motionette::ROWS);
 
 /// Largest request that is to be served.
 #[repr(C)]
@@ -52,7 +52,7 @@ pub struct mtn_limits {
     pub evaluations: u16,
     /// Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
     pub guidance: f32,
-    /// Rows of the planner that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
+    /// Rows that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
     pub rows: usize,
 }
 
@@ -152,10 +152,10 @@ impl mtn_limits {
             }
             let (words, steps) = (self.words, self.steps);
             let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0);
-            let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };
-            planning = Some(planning::Limits { words, steps, guided, anchors, rows });
+            planning = Some(planning::Limits { words, steps, guided, anchors });
         }
         let anchors = if self.evaluations > 0 { self.anchors } else { 0 };
-        Ok(Limits { tokens, anchors, refinement: Config::fast(self.evaluations), planning })
+        let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };
+        Ok(Limits { tokens, anchors, refinement: Config::fast(self.evaluations), planning, rows })
     }
 }

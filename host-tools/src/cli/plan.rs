@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
+use motionette::ROWS;
 use motionette::nn::linear::{LEAST_ROWS, MOST_ROWS};
-use motionette::planning::{Limits, Planning, ROWS};
+use motionette::planning::{Limits, Planning};
 use motionette::refining::Config;
 use serde_json::Value;
 
@@ -41,8 +42,8 @@ pub(super) struct Cmd {
     /// Guidance of the planner; 1 is off and halves the work.
     #[arg(long, default_value_t = Planning::DEFAULT.guidance)]
     guidance: f32,
-    /// Rows of the planner that pass through a layer at a time, 4 to 24. Its weights are read from flash once for so many; each takes
-    /// memory, and the motion is the same.
+    /// Rows of the planner that pass through a layer at a time, 4 to 24, and of the decoder half as many tokens more. Weights are read
+    /// from flash once for so many; each takes memory, and the motion is the same.
     #[arg(long, default_value_t = ROWS as u16, value_parser = clap::value_parser!(u16).range(LEAST_ROWS as i64..=MOST_ROWS as i64))]
     rows: u16,
     /// Decoder evaluations of the solver; else its default.
@@ -70,12 +71,9 @@ impl Cmd {
         let guided = self.guidance != 1.0;
         let planning = match self.words.unwrap_or(usize::MAX) {
             0 => None,
-            words => {
-                let (steps, rows) = (self.steps, usize::from(self.rows));
-                Some(Limits { words, steps, guided, anchors: !self.unconditioned, rows })
-            }
+            words => Some(Limits { words, steps: self.steps, guided, anchors: !self.unconditioned }),
         };
-        let report = plan::plan(&blob, self.tokens, self.anchors, refinement, planning)?;
+        let report = plan::plan(&blob, self.tokens, self.anchors, refinement, planning, usize::from(self.rows))?;
         say(&format!(
             "{}: {} tokens, {} frames, {} anchors, {} solver evaluations",
             report.model, report.tokens, report.frames, report.anchors, report.solver_evaluations
@@ -90,7 +88,7 @@ impl Cmd {
                 grouped(p.bytes as u64),
                 grouped(p.macs)
             ));
-            say(&format!("{} rows at a time: the planner's weights are read {} times", p.rows, p.reads));
+            say(&format!("{} rows at a time: the planner's weights are read {} times", report.rows, p.reads));
         }
         if let Some(p) = &report.planning {
             table("arena while tokens are planned", "bytes", &p.arena, p.bytes as u64);

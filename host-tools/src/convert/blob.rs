@@ -116,8 +116,13 @@ fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
     let count = usize::from(test.tokens) * model.codebooks().quantizers();
     let codes = model.codebooks().codes() as u32;
     let tokens: Vec<u16> = (0..count).map(|_| stream.below(codes) as u16).collect();
-    let limits =
-        Limits { tokens: usize::from(test.tokens), anchors: 0, refinement: Default::default(), planning: None };
+    let limits = Limits {
+        tokens: usize::from(test.tokens),
+        anchors: 0,
+        refinement: Default::default(),
+        planning: None,
+        rows: motionette::ROWS,
+    };
     let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(ALIGNMENT)];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(Error::SelfTest)?;
     Ok(generator.generate(&Request::tokens(&tokens), &mut ()).map_err(Error::SelfTest)?.hash())

@@ -4,11 +4,12 @@
 //! of every position. So two planners are compared and not two random walks; what a walk of ten steps makes of the small differences is
 //! reported apart. The same with anchors: those of the clips' own motion, of all families in turn.
 
+use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::hash::Stream;
 use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::Prompt;
-use motionette::planning::{Length, Limits, Planning, ROWS, Session};
+use motionette::planning::{Length, Limits, Planning, Session};
 use motionette::{Anchor as RuntimeAnchor, Request};
 use serde::Serialize;
 
@@ -150,10 +151,10 @@ pub fn logits(blob: &BlobFile, case: &Case, tokens: &[u16], time: f64) -> Result
     let refused_anchors = |source| Error::Anchors { clip: case.id.clone(), source };
     let frames = tokens.len() * model.frames_per_token();
     let anchors = AnchorSet::new(&case.runtime_anchors(), frames).map_err(refused_anchors)?;
-    let limits = Limits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty(), rows: ROWS };
-    let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits).all().div_ceil(16)];
+    let limits = Limits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty() };
+    let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits, ROWS).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
-    let mut session = Session::new(modules, &mut arena, tokens.len(), &limits).map_err(Error::Arena)?;
+    let mut session = Session::new(modules, &mut arena, tokens.len(), &limits, ROWS).map_err(Error::Arena)?;
     let mut go_on = || Ok(());
     // Nothing interrupts it.
     let _ = session.read(&prompt, &mut go_on).map_err(refused)?;

@@ -11,12 +11,12 @@
 //! not grow with the motion but for the ReLUs' bits, if the gradient is to follow. The gradient of a convolution is one, too: it
 //! passes from the last layer to the first in the same way, from the motion's beginning to its end.
 
-use super::decoder::{Check, Decoder, Interrupted};
+use super::decoder::{Check, Decoder, Interrupted, Portion};
 use super::layer::{Layer, MAX_LAYERS, Way};
 use super::step::{Count, Gates, Last, Tail, Work};
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
-use crate::nn::conv1d::{BLOCK, accumulators};
-use crate::nn::output::{self, Channels, WINDOW};
+use crate::nn::conv1d::accumulators;
+use crate::nn::output::{self, Channels, window};
 use crate::nn::residual;
 
 /// All layers' tails, one after the other in the order of the pass.
@@ -85,12 +85,14 @@ struct Sizes {
     acc_low: usize,
     output_row: usize,
     output_q: usize,
+    output_scales: usize,
 }
 
 impl<'a> Decoder<'a> {
-    fn chain_sizes(&self, way: Way, chunk: usize, channels: usize) -> Sizes {
+    fn chain_sizes(&self, way: Way, portion: Portion, channels: usize) -> Sizes {
+        let Portion { tokens: chunk, rows } = portion;
         let frames = chunk * self.upsampling();
-        let block = frames.min(BLOCK);
+        let block = frames.min(rows);
         let (width, codes, wide) = (self.width, self.code_width(), channels.min(self.wide()));
         let (most, widest) = (width.max(channels), width.max(codes));
         let both = Sizes { row: width, block, ..Sizes::default() };
@@ -106,7 +108,8 @@ impl<'a> Decoder<'a> {
                 acc: accumulators(block, most, widest),
                 acc_low: accumulators(block, wide, width),
                 output_row: channels,
-                output_q: (WINDOW - BLOCK + block) * channels,
+                output_q: window(block) * channels,
+                output_scales: 2 * window(block),
                 ..both
             },
         };
@@ -129,13 +132,13 @@ impl<'a> Decoder<'a> {
 
     /// Arena bytes of what a [`Chain`] keeps from chunk to chunk.
     pub(super) fn tails_bytes(&self, way: Way) -> usize {
-        let s = self.chain_sizes(way, 1, 1);
+        let s = self.chain_sizes(way, Portion { tokens: 1, rows: 1 }, 1);
         bytes_of::<i16>(s.tails_q) + bytes_of::<f32>(s.tails_scales) + bytes_of::<f32>(s.tails_rows)
     }
 
     /// Arena bytes of [`Decoder::chain`].
-    pub(super) fn chain_bytes(&self, way: Way, chunk: usize, channels: usize) -> usize {
-        let s = self.chain_sizes(way, chunk, channels);
+    pub(super) fn chain_bytes(&self, way: Way, portion: Portion, channels: usize) -> usize {
+        let s = self.chain_sizes(way, portion, channels);
         self.tails_bytes(way)
             + bytes_of::<f32>(s.sequence)
             + bytes_of::<i16>(s.q)
@@ -147,10 +150,11 @@ impl<'a> Decoder<'a> {
             + bytes_of::<i32>(s.acc)
             + bytes_of::<f32>(s.output_row)
             + bytes_of::<i16>(s.output_q)
+            + bytes_of::<f32>(s.output_scales)
             + bytes_of::<i32>(s.acc_low)
     }
 
-    /// Takes the buffers for motions of any length with at most `channels` features, of which so many tokens pass at a time.
+    /// Takes the buffers for motions of any length with at most `channels` features, of which such portions pass at a time.
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
@@ -158,13 +162,13 @@ impl<'a> Decoder<'a> {
         &self,
         arena: &mut Arena<'w>,
         way: Way,
-        chunk: usize,
+        portion: Portion,
         channels: usize,
     ) -> Result<Chain<'w>, ArenaTooSmall> {
-        let s = self.chain_sizes(way, chunk, channels);
+        let s = self.chain_sizes(way, portion, channels);
         Ok(Chain {
             way,
-            chunk,
+            chunk: portion.tokens,
             tails: Tails {
                 q: arena.take(s.tails_q)?,
                 scales: arena.take(s.tails_scales)?,
@@ -186,6 +190,7 @@ impl<'a> Decoder<'a> {
                 },
                 output_row: arena.take(s.output_row)?,
                 output_q: arena.take(s.output_q)?,
+                output_scales: arena.take(s.output_scales)?,
                 acc_low: arena.take(s.acc_low)?,
             },
             rows: 0,
@@ -217,8 +222,10 @@ impl Chain<'_> {
         first: usize,
         frames: usize,
     ) {
-        let Work { scratch, output_row, output_q, acc_low } = &mut self.work;
-        let mut last = output::Scratch { row: output_row, q: output_q, acc: scratch.block.acc, acc_low };
+        let Work { scratch, output_row, output_q, output_scales, acc_low } = &mut self.work;
+        let together = scratch.block.scales.len();
+        let acc = &mut *scratch.block.acc;
+        let mut last = output::Scratch { row: output_row, q: output_q, scales: output_scales, together, acc, acc_low };
         let dx = self.sequence.get_mut(..frames * decoder.width).unwrap_or(&mut []);
         decoder.output.backward(g, channels, first, dx, &mut last);
         self.rows = frames;

@@ -1,7 +1,7 @@
 //! The VQ decoder: `u [L][du]` to features `[T][C]`, `T = L * 2^stages`, and the input gradient.
 //!
 //! Order of execution (MoMask's and T2M-GPT's, DESIGN section 3): conv k3, ReLU, stages of { residual blocks, nearest
-//! x2, conv k3 }, conv k3, ReLU, conv k3 to the features. A motion passes through it [`CHUNK`] tokens at a time; of what lies between
+//! x2, conv k3 }, conv k3, ReLU, conv k3 to the features. A motion passes through it some tokens at a time; of what lies between
 //! the layers one bit a value is kept for the gradient where there is a ReLU.
 
 use super::layer::Way;
@@ -9,13 +9,29 @@ use super::step::{Gates, Last};
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
 use crate::nn::conv1d::{Conv1d, Rows, Shape};
+use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::nn::mask;
 use crate::nn::output::{Channels, Output};
 use crate::nn::residual::Residual;
 use heapless::Vec;
 
-/// Tokens that pass through the decoder at a time, at most.
-pub const CHUNK: usize = 12;
+/// What passes through the decoder at a time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Portion {
+    /// Tokens.
+    pub tokens: usize,
+    /// Rows that a layer multiplies together, at most: its weights are read once for so many.
+    pub rows: usize,
+}
+
+impl Portion {
+    /// Of a motion of so many tokens, where `rows` of the planner's pass at a time ([`crate::Limits::rows`]): half as many tokens more, and
+    /// three times as many rows a layer. What both take grows alike.
+    fn new(tokens: usize, rows: usize) -> Self {
+        let rows = rows.clamp(LEAST_ROWS, MOST_ROWS);
+        Portion { tokens: tokens.clamp(1, rows + rows / 2), rows: 3 * rows }
+    }
+}
 
 /// Residual blocks and the upsampling convolution behind them.
 #[derive(Debug, Clone)]
@@ -40,6 +56,7 @@ pub use crate::nn::{Check, Interrupted};
 /// All mutable memory of the decoder.
 #[derive(Debug)]
 pub struct Workspace<'a> {
+    portion: Portion,
     gates: &'a mut [u32],
     last: Last<'a>,
     /// Where passes work.
@@ -127,11 +144,11 @@ impl<'a> Decoder<'a> {
         self.output.wide()
     }
 
-    /// Multiply-accumulates of one forward pass over `tokens` for `channels` at most, taps outside the sequence included;
-    /// the gradient costs the same but for the upsampling convolutions, which it does once a tap as well.
+    /// Multiply-accumulates of one forward pass over `tokens` for `channels` at most, in a workspace for so many rows
+    /// ([`Decoder::workspace`]), taps outside the sequence included; the gradient costs the same but for the upsampling convolutions, which it does once a tap as well.
     #[must_use]
-    pub fn macs(&self, tokens: usize, channels: &Channels) -> u64 {
-        let chunks = (tokens + self.radius_tokens()).div_ceil(chunk(tokens));
+    pub fn macs(&self, tokens: usize, channels: &Channels, rows: usize) -> u64 {
+        let chunks = (tokens + self.radius_tokens()).div_ceil(Portion::new(tokens, rows).tokens);
         tokens as u64 * self.token_macs(channels) + chunks as u64 * self.chunk_macs()
     }
 
@@ -165,18 +182,19 @@ impl<'a> Decoder<'a> {
     }
 
     /// Bytes of a pass, whichever way.
-    fn pass_bytes(&self, tokens: usize, channels: usize) -> usize {
-        let [forward, back] = [Way::Forward, Way::Back].map(|way| self.chain_bytes(way, chunk(tokens), channels));
+    fn pass_bytes(&self, portion: Portion, channels: usize) -> usize {
+        let [forward, back] = [Way::Forward, Way::Back].map(|way| self.chain_bytes(way, portion, channels));
         if forward > back { forward } else { back }
     }
 
     /// Arena bytes of [`Decoder::workspace`].
     #[must_use]
-    pub fn workspace_bytes(&self, tokens: usize, channels: usize) -> usize {
-        self.gate_bytes(tokens) + self.pass_bytes(tokens, channels)
+    pub fn workspace_bytes(&self, tokens: usize, channels: usize, rows: usize) -> usize {
+        self.gate_bytes(tokens) + self.pass_bytes(Portion::new(tokens, rows), channels)
     }
 
-    /// Takes the buffers for motions of `tokens` tokens and at most `channels` output channels.
+    /// Takes the buffers for motions of `tokens` tokens and at most `channels` output channels, as much at a time as `rows` says
+    /// ([`crate::Limits::rows`]).
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
@@ -185,11 +203,14 @@ impl<'a> Decoder<'a> {
         arena: &mut Arena<'w>,
         tokens: usize,
         channels: usize,
+        rows: usize,
     ) -> Result<Workspace<'w>, ArenaTooSmall> {
+        let portion = Portion::new(tokens, rows);
         Ok(Workspace {
+            portion,
             gates: arena.take(self.gate_words(tokens))?,
             last: Last::default(),
-            spare: arena.part(self.pass_bytes(tokens, channels))?,
+            spare: arena.part(self.pass_bytes(portion, channels))?,
         })
     }
 
@@ -208,8 +229,8 @@ impl<'a> Decoder<'a> {
     ) -> Result<(), Interrupted> {
         let tokens = u.len() / self.code_width.max(1);
         let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
-        let chunk = chunk(tokens);
-        let mut chain = self.chain(&mut work.spare.overlay(), Way::Forward, chunk, channels.count());
+        let chunk = work.portion.tokens;
+        let mut chain = self.chain(&mut work.spare.overlay(), Way::Forward, work.portion, channels.count());
         let Ok(chain) = &mut chain else { return Ok(()) };
         let mut chunks = u.chunks((chunk * self.code_width).max(1));
         let mut out = out.iter_mut();
@@ -242,8 +263,8 @@ impl<'a> Decoder<'a> {
     ) -> Result<(), Interrupted> {
         let tokens = du.len() / self.code_width.max(1);
         let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
-        let chunk = chunk(tokens);
-        let mut chain = self.chain(&mut work.spare.overlay(), Way::Back, chunk, channels.count());
+        let chunk = work.portion.tokens;
+        let mut chain = self.chain(&mut work.spare.overlay(), Way::Back, work.portion, channels.count());
         let Ok(chain) = &mut chain else { return Ok(()) };
         let (frames, step) = (tokens * self.upsampling(), chunk * self.upsampling());
         let (mut first, mut du) = (0, du.iter_mut());
@@ -261,11 +282,6 @@ impl<'a> Decoder<'a> {
         }
         Ok(())
     }
-}
-
-/// Tokens of a motion of so many that pass at a time.
-fn chunk(tokens: usize) -> usize {
-    tokens.clamp(1, CHUNK)
 }
 
 /// Copies as many values as both have.

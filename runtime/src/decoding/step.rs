@@ -69,6 +69,7 @@ pub(super) struct Work<'w> {
     /// Of the last layer's gradient.
     pub output_row: &'w mut [f32],
     pub output_q: &'w mut [i16],
+    pub output_scales: &'w mut [f32],
     pub acc_low: &'w mut [i32],
 }
 
@@ -90,6 +91,7 @@ impl Layer<'_, '_> {
             return downsample(conv, tail, (rows, zeros), sequence, work);
         }
         let Work { scratch: residual::Scratch { q, scales, row, block }, acc_low, .. } = work;
+        let together = block.scales.len();
         let (width, ahead, skipped) = (self.width(way), self.ahead(), self.skipped(way));
         let (came, copies) = (rows + zeros, if let Layer::Upsample(_) = self { 2 } else { 1 });
         // Results before the motion's first row and behind its last are left out.
@@ -142,12 +144,12 @@ impl Layer<'_, '_> {
         match (self, way) {
             (Layer::Convolution(conv), Way::Forward) => {
                 let y = sequence.get_mut(..results * conv.outputs()).unwrap_or(&mut []);
-                conv.forward(window, first, y, block.acc);
+                conv.forward(window, first, y, together, block.acc);
                 mask::relu_rows(y, gates.of(outer, left, results), conv.outputs());
             }
             (Layer::Convolution(conv), Way::Back) => {
                 let dx = sequence.get_mut(..results * conv.inputs()).unwrap_or(&mut []);
-                conv.backward(window, first, dx, block.acc);
+                conv.backward(window, first, dx, together, block.acc);
             }
             (Layer::Residual(layer), _) => {
                 let x = sequence.get_mut(..came * width).unwrap_or(&mut []);
@@ -160,11 +162,12 @@ impl Layer<'_, '_> {
             }
             (Layer::Upsample(conv), _) => {
                 let y = sequence.get_mut(..results * conv.outputs()).unwrap_or(&mut []);
-                conv.forward_upsampled(window, first, y, block.acc);
+                conv.forward_upsampled(window, first, y, together, block.acc);
             }
             (Layer::Output(output), _) => {
                 let y = sequence.get_mut(..results * channels.count()).unwrap_or(&mut []);
-                let mut scratch = output::Scratch { row: &mut [], q: &mut [], acc: block.acc, acc_low };
+                let acc = &mut *block.acc;
+                let mut scratch = output::Scratch { row: &mut [], q: &mut [], scales: &mut [], together, acc, acc_low };
                 output.forward(window, first, channels, y, &mut scratch);
             }
         }

@@ -2,7 +2,7 @@
 //! [`Decoder::radius_frames`].
 
 use super::chain::Chain;
-use super::decoder::{Check, Decoder, Interrupted};
+use super::decoder::{Check, Decoder, Interrupted, Portion};
 use super::layer::{Layer, Way};
 use super::step::{Gates, Last};
 use crate::arena::{Arena, ArenaTooSmall, bytes_of};
@@ -11,6 +11,8 @@ use crate::nn::output::Channels;
 
 /// Tokens that pass through the decoder at a time, at most: weights are read once for so many.
 pub const CHUNK: usize = 4;
+/// All its rows are multiplied together in most layers.
+const PORTION: Portion = Portion { tokens: CHUNK, rows: 24 };
 
 /// A motion being decoded. Its size depends on the decoder alone.
 #[derive(Debug)]
@@ -58,7 +60,7 @@ impl<'a> Decoder<'a> {
     /// Arena bytes of [`Decoder::stream`] in all.
     #[must_use]
     pub fn stream_bytes(&self, channels: usize) -> usize {
-        self.chain_bytes(Way::Forward, CHUNK, channels) + bytes_of::<u32>(self.stream_gates())
+        self.chain_bytes(Way::Forward, PORTION, channels) + bytes_of::<u32>(self.stream_gates())
     }
 
     /// Takes the buffers for a motion of any length with at most `channels` output channels, before its first token.
@@ -66,7 +68,7 @@ impl<'a> Decoder<'a> {
     /// # Errors
     /// [`ArenaTooSmall`].
     pub fn stream<'w>(&self, arena: &mut Arena<'w>, channels: usize) -> Result<Stream<'w>, ArenaTooSmall> {
-        let chain = self.chain(arena, Way::Forward, CHUNK, channels)?;
+        let chain = self.chain(arena, Way::Forward, PORTION, channels)?;
         let (bits, words) = (arena.take(self.stream_gates())?, mask::words(self.width));
         Ok(Stream { chain, gates: Gates { bits, words, kept: None } })
     }

@@ -23,7 +23,7 @@ use crate::model::Model;
 use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, channels};
 use crate::perception::anchors::{Anchor, AnchorSet, Target};
 use crate::perception::prompt::Heard;
-use crate::plan::{Limits, Plan, StreamLimits, feature_columns, rotation_columns};
+use crate::plan::{Limits, Plan, ROWS, StreamLimits, feature_columns, rotation_columns};
 use crate::planning::session::Modules;
 use crate::planning::{self, PlanningError};
 use crate::refining::{self, SolverError, Stop};
@@ -134,7 +134,7 @@ impl<'a> Motion<'a> {
 pub struct Generator<'a> {
     model: Model<'a>,
     arena: &'a mut [u8],
-    /// Of the planner, that pass through a layer at a time.
+    /// Of [`Limits::rows`].
     rows: usize,
 }
 
@@ -144,15 +144,11 @@ impl<'a> Generator<'a> {
     /// # Errors
     /// [`Error::FloatingPoint`] when the processor would compute other bits than the digital-twin contract says.
     pub fn new(model: Model<'a>, arena: &'a mut [u8]) -> Result<Self, Error> {
-        if floating_point_is_default() {
-            Ok(Generator { model, arena, rows: planning::ROWS })
-        } else {
-            Err(Error::FloatingPoint)
-        }
+        if floating_point_is_default() { Ok(Generator { model, arena, rows: ROWS }) } else { Err(Error::FloatingPoint) }
     }
 
-    /// Has so many of the planner's rows pass through a layer at a time, from now on, instead of [`planning::ROWS`]: what that is good for
-    /// says [`planning::Limits::rows`], what arena it takes [`Generator::plan`].
+    /// Has so many rows pass through a layer at a time, from now on, instead of [`ROWS`]: what that is good for says [`Limits::rows`], what
+    /// arena it takes [`Generator::plan`].
     pub const fn set_rows(&mut self, rows: usize) {
         self.rows = rows;
     }
@@ -184,16 +180,15 @@ impl<'a> Generator<'a> {
                 let plan = &request.planning;
                 let tokens = plan.check(limit, planner.codes(), self.model.frames_per_token())?;
                 let anchors = plan.conditioned && self.seen(request.anchors);
-                let (steps, guided, rows) = (plan.steps, plan.guided(), self.rows);
-                let planning = planning::Limits { words, steps, guided, anchors, rows };
-                return Ok(Limits { tokens, anchors: refined, refinement, planning: Some(planning) });
+                let planning = planning::Limits { words, steps: plan.steps, guided: plan.guided(), anchors };
+                return Ok(Limits { tokens, anchors: refined, refinement, planning: Some(planning), rows: self.rows });
             }
         };
         let tokens = numbers / each.max(1);
         if tokens == 0 || tokens > limit || !numbers.is_multiple_of(each.max(1)) {
             return Err(Error::Tokens { found: if tokens > limit { tokens } else { numbers }, limit });
         }
-        Ok(Limits { tokens, anchors: refined, refinement, planning: None })
+        Ok(Limits { tokens, anchors: refined, refinement, planning: None, rows: self.rows })
     }
 
     /// Whether the planner would see any of `anchors`.
@@ -243,7 +238,7 @@ impl<'a> Generator<'a> {
             let plan = &request.planning;
             made = plan_tokens(
                 modules,
-                planning,
+                (planning, limits.rows),
                 &mut overlay,
                 &prompt,
                 plan,
@@ -275,7 +270,8 @@ impl<'a> Generator<'a> {
             d_x: take(most)?,
             d_z: take(most)?,
         };
-        let mut work = decoder.workspace(&mut arena, limits.tokens, POSITION_CHANNELS).map_err(too_small)?;
+        let mut work =
+            decoder.workspace(&mut arena, limits.tokens, POSITION_CHANNELS, limits.rows).map_err(too_small)?;
         let tokens = embed(model, request.source, tokens, u)?;
 
         let mut refinement = None;
@@ -360,7 +356,7 @@ impl<'a> Generator<'a> {
             self.model.codebooks().embed(position, u)?;
             hash = hash.singles(u);
         }
-        let mut motion = self.stream(&StreamLimits { tokens: usize::from(test.tokens), planning: None })?;
+        let mut motion = self.stream(&StreamLimits { tokens: usize::from(test.tokens), planning: None, rows: ROWS })?;
         motion.push(tokens)?;
         motion.finish();
         while let Some(frames) = motion.frames(&mut ())? {

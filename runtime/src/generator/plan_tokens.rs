@@ -52,7 +52,7 @@ impl Wish {
 #[inline(never)]
 pub(super) fn plan_tokens(
     modules: Modules<'_, '_>,
-    limits: &Limits,
+    (limits, rows): (&Limits, usize),
     arena: &mut Arena<'_>,
     prompt: &Prompt<'_>,
     planning: &Planning<'_>,
@@ -61,7 +61,7 @@ pub(super) fn plan_tokens(
     tokens: &mut [u16],
     observer: &mut dyn Observer,
 ) -> Result<Planned, Error> {
-    let mut session = Session::new(modules, arena, tokens.len(), limits).map_err(Error::Arena)?;
+    let mut session = Session::new(modules, arena, tokens.len(), limits, rows).map_err(Error::Arena)?;
     let mut wish = Wish::default();
     let mut watch = Watch { observer, stage: Stage::Reading, evaluation: 1, evaluations: 1 };
     let heard = session.read(prompt, &mut || wish.ask(&mut watch))?;

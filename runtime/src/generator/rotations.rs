@@ -35,7 +35,8 @@ impl Rotations<'_> {
         let mut channels = Channels::new();
         channels.push(FIRST, CHANNELS);
         let (mut values, mut acc, mut acc_low) = ([0.0; CHANNELS], [0; CHANNELS], [0; CHANNELS]);
-        let mut scratch = Scratch { row: &mut [], q: &mut [], acc: &mut acc, acc_low: &mut acc_low };
+        let mut scratch =
+            Scratch { row: &mut [], q: &mut [], scales: &mut [], together: 1, acc: &mut acc, acc_low: &mut acc_low };
         self.output.forward(self.rows, frame, &channels, &mut values, &mut scratch);
         let constants = self.std.iter().zip(self.mean).skip(FIRST);
         for (value, (std, mean)) in values.iter_mut().zip(constants) {

@@ -40,8 +40,8 @@ pub struct Segment {
 /// ```no_run
 /// # use motionette::{Error, Generator, Length, Request, StreamLimits, planning::Limits};
 /// # fn run(generator: &mut Generator<'_>, mut play: impl FnMut(&motionette::Frame)) -> Result<(), Error> {
-/// let planning = Limits { words: 32, steps: 10, guided: true, anchors: false, rows: 8 };
-/// let mut stream = generator.stream(&StreamLimits { tokens: 49, planning: Some(planning) })?;
+/// let planning = Limits { words: 32, steps: 10, guided: true, anchors: false };
+/// let mut stream = generator.stream(&StreamLimits { tokens: 49, planning: Some(planning), rows: 8 })?;
 /// for prompt in ["a person walks", "a person walks", "a person waves the right hand"] {
 ///     stream.plan(&Request::text(prompt).length(Length::Tokens(12)), &mut ())?;
 ///     while let Some(frames) = stream.frames(&mut ())? {
@@ -167,7 +167,7 @@ impl<'a> Generator<'a> {
             held: 0,
             segment: 0,
             finished: false,
-            rows: limits.planning.map_or(planning::ROWS, |planning| planning.rows),
+            rows: limits.rows,
             spare: arena,
         })
     }
@@ -317,9 +317,9 @@ impl MotionStream<'_, '_> {
         };
         planning.check(capacity, codes, frames_per_token)?;
 
-        let (steps, guided, rows) = (planning.steps, planning.guided(), self.rows);
-        let limits = planning::Limits { words, steps, guided, anchors: false, rows };
-        let needed = self.spare.used() + bytes_of::<u16>(capacity) + modules.bytes(context + count, &limits).all();
+        let limits = planning::Limits { words, steps: planning.steps, guided: planning.guided(), anchors: false };
+        let needed =
+            self.spare.used() + bytes_of::<u16>(capacity) + modules.bytes(context + count, &limits, self.rows).all();
         let available = self.spare.available();
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
         if needed > available {
@@ -328,7 +328,8 @@ impl MotionStream<'_, '_> {
         let mut arena = self.spare.overlay();
         let window = arena.take::<u16>(capacity).map_err(too_small)?;
         let window = window.get_mut(..context + count).unwrap_or(&mut []);
-        let planned = plan_tokens(modules, &limits, &mut arena, &prompt, &planning, 1, None, window, observer)?;
+        let planned =
+            plan_tokens(modules, (&limits, self.rows), &mut arena, &prompt, &planning, 1, None, window, observer)?;
         log::debug!("planned {} tokens behind {}", count, context);
         self.memory.push(window.get(context..).unwrap_or(&[]));
         self.segment = self.segment.wrapping_add(1);

@@ -9,9 +9,6 @@ use super::quantise;
 use crate::blob::{DType, Error, Tensors};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8, room, wide};
 
-/// Rows that a layer multiplies at a time: weights are read, and widened or transposed, once for so many rows.
-pub const BLOCK: usize = 24;
-
 /// Length of accumulators for so many rows of `sums` sums of `terms` terms, [`room`] behind them included.
 #[must_use]
 pub const fn accumulators(rows: usize, terms: usize, sums: usize) -> usize {
@@ -145,11 +142,12 @@ impl<'a> Conv1d<'a> {
         self.weights.get(tap * size..(tap + 1) * size).unwrap_or(&[])
     }
 
-    /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds. `acc` holds [`accumulators`] of [`BLOCK`] rows, or of as many as `out` has.
-    pub fn forward(&self, x: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
+    /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds, `together` at a time: weights are read, and widened or transposed, once
+    /// for so many. `acc` holds [`accumulators`] of these, or of as many as `out` has.
+    pub fn forward(&self, x: Rows<'_>, first: usize, out: &mut [f32], together: usize, acc: &mut [i32]) {
         let (width, rows) = (self.outputs, x.scales.len());
-        for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {
-            let (first, count) = (first + block * BLOCK, out.len() / width.max(1));
+        for (block, out) in out.chunks_mut((together * width).max(1)).enumerate() {
+            let (first, count) = (first + block * together, out.len() / width.max(1));
             for tap in 0..self.taps {
                 let span = Span::new(first, count, rows, self.offset(tap));
                 let last = tap + 1 == self.taps;
@@ -171,7 +169,7 @@ impl<'a> Conv1d<'a> {
     }
 
     /// Adds what the middle tap makes of rows `x [B][K]`, which is all where the kernel size is 1, to `out [B][N]`, no more rows than
-    /// [`BLOCK`].
+    /// `acc` has room for.
     pub fn add_pointwise(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
         linear_s16s8(x.q, self.tap(self.middle()), self.inputs, self.outputs, acc);
         epilogue::add_finished(out, acc, x.scales, self.affine());
@@ -180,7 +178,7 @@ impl<'a> Conv1d<'a> {
     /// Computes the convolution of `x` with every row repeated twice: rows `first..` of its `2 R`, as many as
     /// `out [B][N]` holds. A row's products serve both its copies, so this costs half of what the repeated sequence
     /// would, with the same bits.
-    pub fn forward_upsampled(&self, x: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
+    pub fn forward_upsampled(&self, x: Rows<'_>, first: usize, out: &mut [f32], together: usize, acc: &mut [i32]) {
         let (width, rows) = (self.outputs, x.scales.len());
         let count = out.len() / width.max(1);
         out.fill(0.0);
@@ -189,8 +187,8 @@ impl<'a> Conv1d<'a> {
             let lead = first + tap;
             let start = lead.saturating_sub(self.middle()) / 2;
             let end = (lead + count).saturating_sub(self.middle()).div_ceil(2).min(rows);
-            for source in (start..end).step_by(BLOCK) {
-                let x = x.window(source, end.saturating_sub(source).min(BLOCK), self.inputs);
+            for source in (start..end).step_by(together.max(1)) {
+                let x = x.window(source, end.saturating_sub(source).min(together), self.inputs);
                 linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
                 for copy in 0..2 {
                     // Of the sources' copies every other row; those before the first row are left out.
@@ -220,11 +218,12 @@ impl<'a> Conv1d<'a> {
         }
     }
 
-    /// Input gradient: rows `first..` of `dJ/dx`, as many as `out [B][K]` holds, from quantised gradients `g [R][N]`.
-    pub fn backward(&self, g: Rows<'_>, first: usize, out: &mut [f32], acc: &mut [i32]) {
+    /// Input gradient: rows `first..` of `dJ/dx`, as many as `out [B][K]` holds, from quantised gradients `g [R][N]`,
+    /// as [`Conv1d::forward`].
+    pub fn backward(&self, g: Rows<'_>, first: usize, out: &mut [f32], together: usize, acc: &mut [i32]) {
         let (width, rows) = (self.inputs, g.scales.len());
-        for (block, out) in out.chunks_mut((BLOCK * width).max(1)).enumerate() {
-            let (first, count) = (first + block * BLOCK, out.len() / width.max(1));
+        for (block, out) in out.chunks_mut((together * width).max(1)).enumerate() {
+            let (first, count) = (first + block * together, out.len() / width.max(1));
             for tap in 0..self.taps {
                 let span = Span::new(first, count, rows, -self.offset(tap));
                 let combine = combine(tap, count, span.as_ref(), out, false);
@@ -246,8 +245,9 @@ impl<'a> Conv1d<'a> {
             return;
         }
         let rows = (g.len() / width / 2).saturating_sub(1);
-        for first in (0..rows).step_by(BLOCK) {
-            let count = (rows - first).min(BLOCK);
+        let together = block.scales.len();
+        for first in (0..rows).step_by(together.max(1)) {
+            let count = (rows - first).min(together);
             block.sums.fill(0.0);
             for tap in 0..self.taps {
                 for r in 0..count {
@@ -299,11 +299,11 @@ impl<'a> Conv1d<'a> {
 pub struct GradientBlock<'a> {
     /// `[N]`
     pub row: &'a mut [f32],
-    /// `[BLOCK][N]`
+    /// `[B][N]`
     pub sums: &'a mut [f32],
-    /// `[BLOCK][N]`
+    /// `[B][N]`
     pub q: &'a mut [i16],
-    /// `[BLOCK]`
+    /// `[B]`, `B` the rows at a time.
     pub scales: &'a mut [f32],
 }
 

@@ -3,14 +3,18 @@
 //! Root velocities integrate over time, so their rows are stored with 16 bits, as two int8 planes: no kernel is added
 //! (`acc = 256 acc_high + acc_low`, combined in f32) and nothing overflows.
 
-use super::conv1d::{BLOCK, Rows, Shape, Span, larger, planes_follow, row_bound, weight_norm};
+use super::conv1d::{Rows, Shape, Span, larger, planes_follow, row_bound, weight_norm};
 use super::{epilogue, quantise};
 use crate::blob::{Error, Tensors};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8, wide};
 use heapless::Vec;
 
-/// Rows of gradients that [`BLOCK`] rows of the input's gradient depend on.
-pub const WINDOW: usize = BLOCK + 2;
+/// Rows of gradients that so many rows of the input's gradient depend on.
+#[must_use]
+pub const fn window(rows: usize) -> usize {
+    rows + 2
+}
+
 /// Ranges of channels that one request may select.
 pub const MAX_RANGES: usize = 24;
 
@@ -105,9 +109,13 @@ pub struct Output<'a> {
 pub struct Scratch<'a> {
     /// One row of selected channels, `[C]`.
     pub row: &'a mut [f32],
-    /// Rows of selected channels, quantised, range by range: `[WINDOW][C]`, or as many as there are.
+    /// Rows of selected channels, quantised, range by range: `[window(B)][C]`, or as many as there are.
     pub q: &'a mut [i16],
-    /// As [`accumulators`](super::conv1d::accumulators) says for [`BLOCK`] rows, or for as many as there are.
+    /// Scales of their int16 parts, then of the others: `[2][window(B)]`.
+    pub scales: &'a mut [f32],
+    /// Rows that are multiplied at a time, `B`.
+    pub together: usize,
+    /// As [`accumulators`](super::conv1d::accumulators) says for so many rows, or for as many as there are.
     pub acc: &'a mut [i32],
     /// The same.
     pub acc_low: &'a mut [i32],
@@ -207,8 +215,9 @@ impl<'a> Output<'a> {
         out.fill(0.0);
         for tap in 0..self.taps {
             let offset = tap as isize - self.reach() as isize;
-            for block in (0..count).step_by(BLOCK) {
-                let Some(span) = Span::new(first + block, BLOCK.min(count.saturating_sub(block)), rows, offset) else {
+            for block in (0..count).step_by(scratch.together.max(1)) {
+                let together = scratch.together.min(count.saturating_sub(block));
+                let Some(span) = Span::new(first + block, together, rows, offset) else {
                     continue;
                 };
                 let Rows { q, scales } = x.window(span.source, span.rows, self.inputs);
@@ -251,15 +260,15 @@ impl<'a> Output<'a> {
         let limit = quantise::limit(self.outputs);
         let all = g.len() / width;
         dx.fill(0.0);
-        for (block, dx) in dx.chunks_mut((BLOCK * self.inputs).max(1)).enumerate() {
-            let (first, count) = (first + block * BLOCK, dx.len() / self.inputs.max(1));
+        let all_scales = core::mem::take(&mut scratch.scales);
+        let (wide_scales, narrow_scales) = all_scales.split_at_mut_checked(all_scales.len() / 2).unwrap_or_default();
+        for (block, dx) in dx.chunks_mut((scratch.together * self.inputs).max(1)).enumerate() {
+            let (first, count) = (first + block * scratch.together, dx.len() / self.inputs.max(1));
             let start = first.saturating_sub(self.reach());
             let g = g.get(start * width..(first + count + self.reach()).min(all) * width).unwrap_or(&[]);
             let rows = g.len() / width;
-            let mut wide_scales = [0.0; WINDOW];
-            let mut narrow_scales = [0.0; WINDOW];
             for (r, (g, scales)) in
-                g.chunks_exact(width).zip(wide_scales.iter_mut().zip(&mut narrow_scales)).enumerate()
+                g.chunks_exact(width).zip(wide_scales.iter_mut().zip(narrow_scales.iter_mut())).enumerate()
             {
                 (*scales.0, *scales.1) = self.quantise_row(g, channels, limit, (r, rows), scratch);
             }
@@ -270,9 +279,10 @@ impl<'a> Output<'a> {
                 let dx = dx.get_mut(span.skip * self.inputs..).unwrap_or(&mut []);
                 let from = span.source.saturating_sub(start);
                 let part = (from..from + span.rows, rows);
-                self.backward_tap(tap, part, channels, dx, (&wide_scales, &narrow_scales), scratch);
+                self.backward_tap(tap, part, channels, dx, (wide_scales, narrow_scales), scratch);
             }
         }
+        scratch.scales = all_scales;
     }
 
     /// Row `r` of `rows`: gradients `g [C]` times the output scales, quantised into `scratch.q`, where each part of a range

@@ -1,6 +1,6 @@
 //! Pre-activation residual block, in place: `x <- x + conv2(relu(conv1(relu(x))))` (EQUATIONS, DESIGN section 3).
 
-use super::conv1d::{BLOCK, Conv1d, Rows};
+use super::conv1d::{Conv1d, Rows};
 use super::{mask, quantise};
 use crate::kernels::wide;
 
@@ -26,16 +26,16 @@ pub struct Scratch<'a> {
     pub block: Block<'a>,
 }
 
-/// Scratch of [`BLOCK`] rows.
+/// Scratch of the rows that a layer multiplies at a time, `B`.
 #[derive(Debug)]
 pub struct Block<'a> {
-    /// f32 rows, `[BLOCK][W]`.
+    /// f32 rows, `[B][W]`.
     pub rows: &'a mut [f32],
-    /// Quantised rows, `[BLOCK][W]`.
+    /// Quantised rows, `[B][W]`.
     pub q: &'a mut [i16],
-    /// Their scales, `[BLOCK]`.
+    /// Their scales, `[B]`.
     pub scales: &'a mut [f32],
-    /// Accumulators, `[BLOCK][W]`.
+    /// Accumulators, `[B][W]`.
     pub acc: &'a mut [i32],
 }
 
@@ -60,12 +60,13 @@ impl Residual<'_> {
     pub fn add(&self, input: Rows<'_>, first: usize, x: &mut [f32], scratch: &mut Block<'_>, masks: &mut [u32]) {
         let width = self.conv1.inputs().max(1);
         let words = mask::words(width).max(1);
+        let together = scratch.scales.len();
         // Never zero; written so that the compiler can see it.
-        let (block_len, mask_len) = ((BLOCK * width).max(1), (BLOCK * words).max(1));
+        let (block_len, mask_len) = ((together * width).max(1), (together * words).max(1));
         let limit = quantise::limit(width);
         for (block, (x, masks)) in x.chunks_mut(block_len).zip(masks.chunks_mut(mask_len)).enumerate() {
             let hidden = scratch.rows.get_mut(..x.len()).unwrap_or(&mut []);
-            self.conv1.forward(input, first + block * BLOCK, hidden, scratch.acc);
+            self.conv1.forward(input, first + block * together, hidden, together, scratch.acc);
             mask::relu_rows(hidden, masks, width);
             quantise::rows(hidden, width, limit, scratch.q, scratch.scales);
             let count = x.len() / width;
@@ -90,8 +91,9 @@ impl Residual<'_> {
     ) {
         let width = self.conv1.inputs().max(1);
         let words = mask::words(width).max(1);
-        let (block_len, mask_len) = ((BLOCK * width).max(1), (BLOCK * words).max(1));
-        let quantised = q.chunks_mut(block_len).zip(scales.chunks_mut(BLOCK));
+        let together = scratch.scales.len();
+        let (block_len, mask_len) = ((together * width).max(1), (together * words).max(1));
+        let quantised = q.chunks_mut(block_len).zip(scales.chunks_mut(together.max(1)));
         for ((g, masks), (q, scales)) in g.chunks(block_len).zip(masks.chunks(mask_len)).zip(quantised) {
             self.conv2.quantise_gradient(g, scratch.q, scratch.scales, row);
             let count = g.len() / width;
@@ -100,7 +102,7 @@ impl Residual<'_> {
                 scales: scratch.scales.get(..count).unwrap_or(&[]),
             };
             let hidden = scratch.rows.get_mut(..g.len()).unwrap_or(&mut []);
-            self.conv2.backward(outer, 0, hidden, scratch.acc);
+            self.conv2.backward(outer, 0, hidden, together, scratch.acc);
             mask::gate_rows(hidden, masks, width);
             self.conv1.quantise_gradient(hidden, q, scales, row);
         }
@@ -111,10 +113,11 @@ impl Residual<'_> {
     pub fn add_gradient(&self, hidden: Rows<'_>, first: usize, g: &mut [f32], scratch: &mut Block<'_>, masks: &[u32]) {
         let width = self.conv1.inputs().max(1);
         let words = mask::words(width).max(1);
-        let (block_len, mask_len) = ((BLOCK * width).max(1), (BLOCK * words).max(1));
+        let together = scratch.scales.len();
+        let (block_len, mask_len) = ((together * width).max(1), (together * words).max(1));
         for (block, (g, masks)) in g.chunks_mut(block_len).zip(masks.chunks(mask_len)).enumerate() {
             let dx = scratch.rows.get_mut(..g.len()).unwrap_or(&mut []);
-            self.conv1.backward(hidden, first + block * BLOCK, dx, scratch.acc);
+            self.conv1.backward(hidden, first + block * together, dx, together, scratch.acc);
             mask::gate_rows(dx, masks, width);
             add(g, dx);
         }

@@ -34,5 +34,5 @@ pub use length::Length;
 pub use request::{Fixed, Planning, PlanningError};
 pub use sampling::Sampling;
 pub use schedule::Schedule;
-pub use session::{Bytes, Limits, ROWS, Session};
+pub use session::{Bytes, Limits, Session};
 pub use transformer::Planner;

@@ -22,8 +22,6 @@ use crate::perception::text::NONE;
 
 /// Positions whose tokens are drawn together: the logits of more than these would take more memory than a pass.
 const DRAWN: usize = 4;
-/// Rows that pass through a layer at a time where nobody says otherwise ([`Limits::rows`]).
-pub const ROWS: usize = 8;
 
 /// The largest plan that is to be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,9 +34,6 @@ pub struct Limits {
     pub guided: bool,
     /// Whether anchors condition the planner; of no account when the blob has no anchor control.
     pub anchors: bool,
-    /// Rows that pass through a layer at a time, 4 to 24; other numbers count as the nearest of these. Weights are read once for so many,
-    /// and each takes room: the motion is the same, only memory and speed are not.
-    pub rows: usize,
 }
 
 /// Modules of a model that a session works with.
@@ -202,23 +197,23 @@ impl<'m, 'b> Modules<'m, 'b> {
         }
     }
 
-    fn lengths(&self, tokens: usize, limits: &Limits) -> Lengths {
+    fn lengths(&self, tokens: usize, limits: &Limits, rows: usize) -> Lengths {
         let most = |a: usize, b: usize| if a > b { a } else { b };
         let none = if limits.guided { self.none_rows() } else { 0 };
         let (words, memory) = (limits.words, most(limits.words, none));
         let (d, dt) = (self.planner.width(), self.text.width());
-        let rows = 1 + tokens;
+        let own_rows = 1 + tokens;
         let control = self.control(limits);
         let anchors = control.map_or((0, 0), |control| (tokens, control.shares(tokens)));
         let mut sizes = self.planner.sizes(tokens, anchors.0, memory);
         sizes = sizes.with(Sizes { outputs: self.text.length().outputs(), inputs: dt, ..Sizes::default() });
-        let (mut own, mut own_scales) = (rows * d, rows * self.planner.heads().count);
+        let (mut own, mut own_scales) = (own_rows * d, own_rows * self.planner.heads().count);
         if let Some(encoder) = self.text.encoder() {
             sizes = sizes.with(encoder.sizes(memory));
             own = most(own, memory * dt);
             own_scales = most(own_scales, memory * encoder.stack().heads().count);
         }
-        let (mut x, mut work) = (most(memory * dt, rows * d), 0);
+        let (mut x, mut work) = (most(memory * dt, own_rows * d), 0);
         if let Some(control) = control {
             sizes = sizes.with(control.sizes(tokens));
             own = most(own, tokens * control.scaffold_width());
@@ -226,7 +221,7 @@ impl<'m, 'b> Modules<'m, 'b> {
             x = most(x, tokens * control.scaffold_width());
             work = control.work();
         }
-        sizes.rows = limits.rows.clamp(LEAST_ROWS, MOST_ROWS);
+        sizes.rows = rows.clamp(LEAST_ROWS, MOST_ROWS);
         Lengths {
             words,
             none,
@@ -246,8 +241,8 @@ impl<'m, 'b> Modules<'m, 'b> {
 
     /// Arena bytes of [`Session::new`].
     #[must_use]
-    pub fn bytes(&self, tokens: usize, limits: &Limits) -> Bytes {
-        let l = self.lengths(tokens, limits);
+    pub fn bytes(&self, tokens: usize, limits: &Limits, rows: usize) -> Bytes {
+        let l = self.lengths(tokens, limits, rows);
         Bytes {
             text: Condition::bytes(self.planner, l.words, 1)
                 + Condition::bytes(self.planner, l.none, usize::from(limits.guided)),
@@ -311,7 +306,7 @@ pub struct Session<'m, 'b, 'w> {
 }
 
 impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
-    /// Takes the buffers for motions of up to `tokens` tokens.
+    /// Takes the buffers for motions of up to `tokens` tokens, of whose rows so many pass at a time ([`crate::Limits::rows`]).
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
@@ -320,8 +315,9 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         arena: &mut Arena<'w>,
         tokens: usize,
         limits: &Limits,
+        rows: usize,
     ) -> Result<Self, ArenaTooSmall> {
-        let l = modules.lengths(tokens, limits);
+        let l = modules.lengths(tokens, limits, rows);
         Ok(Session {
             modules,
             text: Condition::new(modules.planner, arena, l.words, 1)?,
@@ -334,7 +330,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             proposal: arena.take(l.tokens)?,
             predicted: 0,
             needed: l,
-            spare: arena.part(modules.bytes(tokens, limits).working())?,
+            spare: arena.part(modules.bytes(tokens, limits, rows).working())?,
         })
     }
 

@@ -1,8 +1,8 @@
 //! Mutated blobs. Lengths and checksum are mostly repaired after the mutation, so that what lies behind them is reached.
 
+use motionette::ROWS;
 use motionette::blob::{HEADER_LEN, Header, MAGIC, MAJOR};
 use motionette::hash::Stream;
-use motionette::planning::ROWS;
 use motionette::{Anchor, Generator, Model, Prompt, Request, refining::Config};
 
 use super::{Entry, Memory, Tally};

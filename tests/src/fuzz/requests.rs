@@ -1,6 +1,7 @@
 //! Hostile requests on a good model: lengths, tokens, anchors, solver settings, arenas that are too small, observers that
 //! stop the work anywhere.
 
+use motionette::ROWS;
 use motionette::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
 use motionette::{
@@ -32,7 +33,7 @@ impl Observer for Stopper {
 
 /// Arena bytes of the least request there is.
 pub(super) fn least(model: &Model<'_>) -> usize {
-    let limits = Limits { tokens: 1, anchors: 0, refinement: Config::default(), planning: None };
+    let limits = Limits { tokens: 1, anchors: 0, refinement: Config::default(), planning: None, rows: ROWS };
     Plan::for_request(model, &limits).arena_bytes
 }
 

@@ -1,8 +1,8 @@
 //! Streams in careless hands: tokens and requests of any kind at any time, a full queue, frames taken late, work stopped
 //! anywhere, an end and what comes behind it.
 
+use motionette::ROWS;
 use motionette::hash::Stream;
-use motionette::planning::ROWS;
 use motionette::{
     Error, Fixed, Flow, Frame, Generator, Model, MotionStream, Prompt, Request, Source, StreamLimits, StreamPlan,
     planning,
@@ -32,15 +32,14 @@ struct Seen {
 pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: &mut Tally) -> Result<(), String> {
     let model = &entry.model;
     let steps = 1 + random.below(4) as u16;
-    let planning = planning::Limits {
-        words: 1 + random.below(9) as usize,
-        steps,
-        guided: random.below(3) > 0,
-        anchors: false,
+    let planning =
+        planning::Limits { words: 1 + random.below(9) as usize, steps, guided: random.below(3) > 0, anchors: false };
+    let planning = Some(planning).filter(|_| model.planning().is_some() && random.below(4) > 0);
+    let limits = StreamLimits {
+        tokens: 1 + random.below(model.max_tokens() as u32) as usize,
+        planning,
         rows: random.below(30) as usize,
     };
-    let planning = Some(planning).filter(|_| model.planning().is_some() && random.below(4) > 0);
-    let limits = StreamLimits { tokens: 1 + random.below(model.max_tokens() as u32) as usize, planning };
     let plan = StreamPlan::new(model, &limits);
     let short = random.below(8) == 0;
     let size = if short { plan.arena_bytes - 1 } else { plan.arena_bytes };

@@ -39,8 +39,8 @@ const ROBOT: &[u8] = include_bytes!("../robot.bin");
 const CHANNELS: usize = 16;
 const FRAMES: usize = 200;
 /// Memory in which motions are made: 49 tokens, text with guidance, 8 anchors (`motionette plan --anchors 8 --rows 24`).
-const ARENA: usize = 302 * 1024;
-/// Rows of the planner at a time: the memory is there, and flash is slow.
+const ARENA: usize = 348 * 1024;
+/// Rows at a time: the memory is there, and flash is slow.
 const ROWS: usize = 24;
 /// Pulses a second.
 const PULSES: u16 = 50;

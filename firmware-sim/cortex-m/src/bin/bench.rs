@@ -13,7 +13,7 @@ use motionette::{
     hash::Stream,
     kernels::{self, check},
     nn::{
-        conv1d::{BLOCK, Conv1d, Rows, Shape},
+        conv1d::{Conv1d, Rows, Shape},
         linear::{Linear, Weights},
         quantise, softmax,
     },
@@ -24,6 +24,8 @@ use semihosting::{println, process::exit};
 const ROWS: usize = 49;
 const WIDE: usize = 768;
 const MOST: usize = 192 * WIDE;
+/// Rows that the decoder's layers multiply at a time, unless told otherwise.
+const BLOCK: usize = 3 * motionette::ROWS;
 
 /// Everything that layers work on, beside the check's own buffers.
 struct Buffers {
@@ -163,7 +165,7 @@ fn conv_49(b: &mut Buffers) {
 #[inline(never)]
 fn conv(layer: &Conv1d<'_>, x: &[f32], out: &mut [f32], q: &mut [i16], scales: &mut [f32], acc: &mut [i32]) {
     quantise::rows(x, layer.inputs(), quantise::limit(layer.inputs()), q, scales);
-    layer.forward(Rows { q, scales }, 0, out, acc);
+    layer.forward(Rows { q, scales }, 0, out, BLOCK, acc);
 }
 
 #[inline(never)]
@@ -173,7 +175,7 @@ fn transposed_49(b: &mut Buffers) {
     let Some(layer) = Conv1d::new(shape, weights, &b.scales[..192], &b.biases[..192]) else { return };
     region!("7", {
         layer.quantise_gradient(&b.x, &mut b.q, &mut b.row_scales, &mut b.row);
-        layer.backward(Rows { q: &b.q, scales: &b.row_scales }, 0, &mut b.out, &mut b.acc);
+        layer.backward(Rows { q: &b.q, scales: &b.row_scales }, 0, &mut b.out, BLOCK, &mut b.acc);
     });
     region!("8", transposed(&b.q, weights, 192, 192, &mut b.acc));
 }

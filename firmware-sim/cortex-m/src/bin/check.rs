@@ -10,6 +10,7 @@ use core::{hint::black_box, panic::PanicInfo};
 
 use cortex_m as _;
 use cortex_m_rt::entry;
+use motionette::ROWS;
 use motionette::{
     Anchor, Error, Fixed, Flow, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
     Sampling, Source, StreamLimits, StreamPlan, planning, refining::Config,
@@ -46,14 +47,8 @@ fn serve(
 ) -> Result<u64, Refused> {
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
-    let planning = black_box(Some(planning::Limits {
-        words: text.len(),
-        steps: 10,
-        guided: true,
-        anchors: true,
-        rows: planning::ROWS,
-    }));
-    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning };
+    let planning = black_box(Some(planning::Limits { words: text.len(), steps: 10, guided: true, anchors: true }));
+    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning, rows: ROWS };
     black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
     black_box(generator.self_test().map_err(Refused::Request)?);
@@ -81,7 +76,7 @@ fn serve(
         #[cfg(feature = "playback")]
         black_box(play(blob, &motion).map_err(Refused::Robot)?);
     }
-    let limits = black_box(StreamLimits { tokens: tokens.len(), planning });
+    let limits = black_box(StreamLimits { tokens: tokens.len(), planning, rows: ROWS });
     black_box(StreamPlan::new(generator.model(), &limits));
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);

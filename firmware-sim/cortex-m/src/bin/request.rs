@@ -1,6 +1,6 @@
 //! The standard request of the budgets (`firmware-sim/src/standard.rs`), between the marks that
 //! `firmware-sim/twin/count.c` counts instructions between: the model opened, the whole request, then the same request once
-//! more stage by stage, then with as many of the planner's rows at a time as may be.
+//! more stage by stage, then with as many rows at a time as may be.
 #![no_std]
 #![no_main]
 

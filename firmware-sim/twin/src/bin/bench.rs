@@ -98,7 +98,7 @@ const REGIONS: [Region; 11] = [
 const STAGES: [(usize, &str); 4] = [(3, "reading"), (4, "planning"), (5, "refining"), (6, "decoding")];
 const OPENING: usize = 1;
 const REQUEST: usize = 2;
-/// The same, as many of the planner's rows at a time as may be.
+/// The same, as many rows at a time as may be.
 const ROOMY: usize = 7;
 const LIMIT: Duration = Duration::from_secs(900);
 
@@ -306,7 +306,7 @@ fn page(all: &[Counted], object: &Value) -> Result<String> {
     page += "\n|---|";
     page += &"---:|".repeat(all.len());
     page += "\n";
-    let roomy = format!("the same, {MOST_ROWS} of the planner's rows at a time");
+    let roomy = format!("the same, {MOST_ROWS} rows at a time");
     let lines = [(OPENING, "opening the model, once"), (REQUEST, "the request"), (ROOMY, roomy.as_str())];
     for (number, name) in lines.into_iter().chain(STAGES) {
         write!(page, "| {name} |")?;
@@ -329,7 +329,7 @@ fn page(all: &[Counted], object: &Value) -> Result<String> {
         ("code and constants of the runtime (M4F)", "text_bytes", "163840"),
         ("model", "blob_bytes", ""),
         ("arena of the request", "arena_bytes", ""),
-        (&format!("arena, {MOST_ROWS} of the planner's rows at a time"), "roomy_arena_bytes", ""),
+        (&format!("the same, {MOST_ROWS} rows at a time"), "roomy_arena_bytes", ""),
         ("arena, generator and static data", "ram_bytes", "327680"),
         ("stack, painted", "stack_bytes", "16384"),
     ] {
