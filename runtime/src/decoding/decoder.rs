@@ -148,7 +148,7 @@ impl<'a> Decoder<'a> {
     /// ([`Decoder::workspace`]), taps outside the sequence included; the gradient costs the same but for the upsampling convolutions, which it does once a tap as well.
     #[must_use]
     pub fn macs(&self, tokens: usize, channels: &Channels, rows: usize) -> u64 {
-        let chunks = (tokens + self.radius_tokens()).div_ceil(Portion::new(tokens, rows).tokens);
+        let chunks = (tokens + self.radius_tokens()).div_ceil(Portion::new(tokens, rows).tokens.max(1));
         tokens as u64 * self.token_macs(channels) + chunks as u64 * self.chunk_macs()
     }
 
