@@ -14,7 +14,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use clap::Args;
 use motionette::Model;
-use motionette::ROWS;
 use motionette::playback::output::Runner;
 use motionette::playback::{Ends, Feeder, Line, Player, Robot};
 use motionette_host::convert::AlignedBlob;
@@ -34,8 +33,8 @@ use crate::robot::simulation::{CHANNELS, FRAMES, wiring};
 
 /// Milliseconds without a word from the host after which it counts as gone.
 const SILENCE: u32 = 5_000;
-/// Bytes of the arena: 49 tokens, text with guidance, 32 anchors.
-const ARENA: usize = 332 * 1024;
+/// Bytes of the arena: 49 tokens, text with guidance, 32 anchors, or 8 of them with as much at a time as a Pico 2.
+const ARENA: usize = 348 * 1024;
 
 /// Serve the device link of a simulated robot over TCP; `motionette device --port tcp:127.0.0.1:PORT` talks to it.
 ///
@@ -251,7 +250,7 @@ fn think(feeder: &mut Feeder<'static, CHANNELS>, station: Shared) -> Result<()> 
         });
         match blob.as_ref().map(|blob| Model::open(blob.bytes())) {
             Some(Ok(model)) => {
-                thread::run(&model, bytemuck::cast_slice_mut(&mut arena), ROWS, feeder, &mut desk)?;
+                thread::run(&model, bytemuck::cast_slice_mut(&mut arena), feeder, &mut desk)?;
                 continue;
             }
             Some(Err(error)) => say(&format!("the blob is refused: {error}")),

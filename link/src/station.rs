@@ -10,11 +10,11 @@
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use heapless::Deque;
-use motionette::Model;
 use motionette::planning::Planning;
 use motionette::playback::output::BusStatus;
 use motionette::playback::{self, Control};
 use motionette::refining::Config;
+use motionette::{Model, ROWS};
 
 use crate::message::{Condition, Event, Failure, Generate, Length, ModelInfo, Name, Refusal, Stage, State, Work, name};
 use crate::server::{Description, Device, Job};
@@ -61,14 +61,17 @@ pub struct Preset {
     pub steps: u16,
     /// Decoder evaluations of the refinement.
     pub evaluations: u16,
+    /// Rows that pass through a layer at a time, for which the generator's arena MUST have room
+    /// ([`Generator::set_rows`](motionette::Generator::set_rows)).
+    pub rows: usize,
 }
 
 impl Preset {
     /// Of a desktop: the runtime's own defaults, and lengths as the text suggests.
     pub const DESKTOP: Preset =
-        Preset { frames: 0, steps: Planning::DEFAULT.steps, evaluations: Config::DEFAULT.evaluations };
-    /// Of a Raspberry Pi Pico 2, 150 MHz: 4 s of motion, fewer steps.
-    pub const PICO2: Preset = Preset { frames: 80, steps: 6, evaluations: 10 };
+        Preset { frames: 0, steps: Planning::DEFAULT.steps, evaluations: Config::DEFAULT.evaluations, rows: ROWS };
+    /// Of a Raspberry Pi Pico 2, 150 MHz: 4 s of motion, fewer steps; much at a time, since the memory is there and flash is slow.
+    pub const PICO2: Preset = Preset { frames: 80, steps: 6, evaluations: 10, rows: 24 };
 
     /// `request` with what it leaves open.
     fn fill(&self, request: &Generate) -> Generate {
@@ -183,6 +186,11 @@ impl<'a, S> Station<'a, S> {
     #[must_use]
     pub const fn blob(&self) -> Option<(Slot, usize)> {
         self.blob
+    }
+
+    /// For the thread: how much it is to pass through a layer at a time.
+    pub(crate) const fn rows(&self) -> usize {
+        self.preset.rows
     }
 
     /// The flash.

@@ -57,20 +57,19 @@ impl<D: Desk> Observer for Watch<'_, D> {
     }
 }
 
-/// Works with `model` until another blob is to be opened, `rows` rows of the planner at a time ([`Generator::set_rows`]). The model
-/// proves itself first, by the blob's self-test: one that does not is not used.
+/// Works with `model` until another blob is to be opened. The model proves itself first, by the blob's self-test: one that does not is
+/// not used.
 ///
 /// # Errors
 /// [`Error`] of the generator itself; jobs that fail are told to the station.
 pub fn run<D: Desk, const C: usize>(
     model: &Model<'_>,
     arena: &mut [u8],
-    rows: usize,
     feeder: &mut Feeder<'_, C>,
     desk: &mut D,
 ) -> Result<(), Error> {
     let mut generator = Generator::new(model.clone(), arena)?;
-    generator.set_rows(rows);
+    generator.set_rows(desk.with(|station| station.rows()));
     let proved = generator.self_test()?;
     if proved == Some(false) {
         desk.note(Note::Unproved);

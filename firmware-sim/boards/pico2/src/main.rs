@@ -40,8 +40,6 @@ const CHANNELS: usize = 16;
 const FRAMES: usize = 200;
 /// Memory in which motions are made: 49 tokens, text with guidance, 8 anchors (`motionette plan --anchors 8 --rows 24`).
 const ARENA: usize = 348 * 1024;
-/// Rows at a time: the memory is there, and flash is slow.
-const ROWS: usize = 24;
 /// Pulses a second.
 const PULSES: u16 = 50;
 
@@ -105,7 +103,7 @@ fn think(feeder: &mut Feeder<'static, CHANNELS>, arena: &mut [u8]) -> ! {
             None => defmt::warn!("no slot holds a blob: send one with `motionette device send-blob`"),
             Some(Err(error)) => defmt::error!("the blob is refused: {}", defmt::Debug2Format(&error)),
             Some(Ok(model)) => {
-                if let Err(error) = thread::run(&model, arena, ROWS, feeder, &mut desk) {
+                if let Err(error) = thread::run(&model, arena, feeder, &mut desk) {
                     defmt::error!("the runtime refuses to work: {}", defmt::Debug2Format(&error));
                 }
                 continue;

@@ -24,9 +24,6 @@ const CLOCK: f64 = 150e6;
 const CYCLES: f64 = 1.4;
 /// Bytes a second of that flash: four bits at 75 MHz.
 const FLASH_BANDWIDTH: f64 = 37.5e6;
-/// Rows that the planner and the decoder compute with weights that they have fetched once.
-const PLANNER_ROWS: f64 = 4.0;
-const DECODER_ROWS: f64 = 24.0;
 
 /// Sizes of a board's image, and the time that its preset's motion takes, estimated.
 #[derive(Debug, Parser)]
@@ -73,7 +70,9 @@ fn run(cli: &Cli) -> Result<()> {
     let plan = Generator::new(model.clone(), &mut [])?.plan(&request)?;
     let instructions = plan.macs as f64 * INSTRUCTIONS_PER_MAC;
     let decoder = plan.macs - plan.planning_macs;
-    let fetched = plan.planning_macs as f64 / PLANNER_ROWS + decoder as f64 / DECODER_ROWS;
+    // Weights are fetched once for so many rows of the planner, and of the decoder for three times as many.
+    let rows = preset.rows as f64;
+    let fetched = plan.planning_macs as f64 / rows + decoder as f64 / (3.0 * rows);
     let seconds = instructions * CYCLES / CLOCK + fetched / FLASH_BANDWIDTH;
     let motion = f64::from(preset.frames) / f64::from(model.frame_rate());
     println!(
