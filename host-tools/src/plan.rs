@@ -1,13 +1,13 @@
 //! What a blob and a request need, before anything is flashed: arena, flash, work.
 
 use motionette::blob::{DType, HEADER_LEN};
-use motionette::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use motionette::planning;
 use motionette::playback::line::line_bytes;
 use motionette::playback::robot::MAX_CHANNELS;
 use motionette::playback::{Feeder, Player, Robot};
 use motionette::refining::Config;
 use motionette::{Generator, Limits, Model, MotionStream, Plan, StreamLimits, StreamPlan};
+use motionette::{LEAST_ROWS, MOST_ROWS};
 use serde::Serialize;
 
 use crate::blob_file::{BlobFile, Error};

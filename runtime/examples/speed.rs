@@ -7,11 +7,11 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
+use motionette::MOST_ROWS;
 use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::hash::Stream;
 use motionette::motion::humanml3d;
-use motionette::nn::linear::MOST_ROWS;
 use motionette::planning::{Limits, Session};
 use motionette::{Model, Planning, Prompt};
 

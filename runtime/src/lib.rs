@@ -91,6 +91,7 @@ pub use generator::{
     Error, Flow, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
 };
 pub use model::Model;
+pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
 pub use perception::anchors::{Anchor, Target};
 pub use perception::authoring::Anchors;
 pub use perception::joint::Joint;

@@ -21,7 +21,8 @@ pub struct Limits {
     pub refinement: Config,
     /// Planning from text; `None` for tokens and embeddings.
     pub planning: Option<planning::Limits>,
-    /// How much passes through a layer at a time: so many rows of the planner, 4 to 24 (other numbers count as the nearest of these), and of
+    /// How much passes through a layer at a time: so many rows of the planner, [`LEAST_ROWS`](crate::LEAST_ROWS) to
+    /// [`MOST_ROWS`](crate::MOST_ROWS) (other numbers count as the nearest of these), and of
     /// the decoder half as many tokens more. Weights are read once for so much, and it takes room: the motion is the same, memory
     /// and speed are not.
     pub rows: usize,

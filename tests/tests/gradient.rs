@@ -6,7 +6,7 @@ use motionette::arena::Arena;
 use motionette::decoding::decoder::Interrupted;
 use motionette::hash::Stream;
 use motionette::motion::humanml3d::{Features, Path, channels};
-use motionette::nn::linear::{LEAST_ROWS, MOST_ROWS};
+use motionette::{LEAST_ROWS, MOST_ROWS};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};
 

@@ -3,7 +3,6 @@
 use motionette::ROWS;
 use motionette::blob::{Error as BlobError, TransformerConfig};
 use motionette::hash::Stream;
-use motionette::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::PromptError;
 use motionette::perception::text::MAX_PROMPT;
@@ -14,6 +13,7 @@ use motionette::{
     Anchor, Error, Fixed, Flow, Generator, Length, Model, Motion, Observer, Planning, Progress, Prompt, Request,
     Sampling, Schedule, Stage,
 };
+use motionette::{LEAST_ROWS, MOST_ROWS};
 use motionette_tests::naive_prior;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 

@@ -2,10 +2,10 @@
 
 use anyhow::{Context, Result, anyhow};
 
+use motionette::MOST_ROWS;
 use motionette::arena::Arena;
 use motionette::decoding::decoder::Workspace;
 use motionette::hash::Stream;
-use motionette::nn::linear::MOST_ROWS;
 use motionette::nn::output::Channels;
 use motionette::planning::session::Modules;
 use motionette::planning::{Limits, Session};

@@ -7,7 +7,7 @@
 use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
-use motionette::nn::linear::MOST_ROWS;
+use motionette::MOST_ROWS;
 use motionette::{Flow, Generator, Model, Observer, Progress, Stage, blob::Aligned};
 use motionette_cortex_m::{stack, standard};
 use semihosting::{println, process::exit};

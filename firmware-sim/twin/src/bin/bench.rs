@@ -12,7 +12,7 @@ use std::{
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
-use motionette::nn::linear::MOST_ROWS;
+use motionette::MOST_ROWS;
 use motionette_twin::{
     image,
     qemu::{self, MACHINES, Machine},
