@@ -77,7 +77,7 @@ fn main() -> Result<()> {
     let mut checks = Vec::new();
     let mut desktop = bench.decoder(&mut checks)?;
     let planner = bench.planner_peers(&mut checks)?;
-    desktop.push(bench.planner(&planner, &mut checks)?);
+    desktop.extend(bench.planner(&planner, &mut checks)?);
     desktop.push(bench.request(&planner, &mut checks)?);
 
     let report = Report { desktop, checks, machine: Machine::here() };
@@ -331,27 +331,38 @@ impl Bench<'_> {
         Ok(peers)
     }
 
-    fn planner(&self, peers: &PlannerPeers, checks: &mut Vec<Check>) -> Result<Row> {
+    fn planner(&self, peers: &PlannerPeers, checks: &mut Vec<Check>) -> Result<Vec<Row>> {
         let tokens = &peers.case.tokens;
         let modules = self.model.planning().context("the blob has no planner")?;
         let mut ours = ours::Planner::new(modules, tokens.len())?;
         ours.step(tokens, network::TIME)?;
         check(checks, Library::Ours, "ours", "logits", &ours.logits(tokens.len()), &peers.case.logits)?;
-        let what = format!(
-            "guided, so two passes over {} tokens, and the logits of all of them. Ours also draws a proposal and a step for every \
-             token; the peers stop at the logits.",
-            tokens.len()
-        );
-        row(
-            "planner_step",
-            what,
-            self.budget,
-            vec![
-                (Library::Ours, Contender::new("ours", || ours.step(black_box(tokens), network::TIME))),
+        let passes = format!("guided, so two passes over {} tokens, and the logits of all of them", tokens.len());
+        let rows = [
+            (
+                "planner_step",
+                "Ours also draws a proposal and a step for every token; the peers stop at the logits.",
+                true,
+            ),
+            (
+                "planner_networks",
+                "As much as the peers do, but that ours takes the most probable tokens as well.",
+                false,
+            ),
+        ];
+        let timed = rows.map(|(name, ends, whole)| {
+            let step = || {
+                let step = if whole { ours::Planner::step } else { ours::Planner::networks };
+                step(&mut ours, black_box(tokens), network::TIME)
+            };
+            let contenders = vec![
+                (Library::Ours, Contender::new("ours", step)),
                 (Library::Candle, Contender::new("candle", || done(peers.candle_step()))),
                 (Library::Tract, Contender::new("tract", || done(peers.tract_step()))),
-            ],
-        )
+            ];
+            row(name, format!("{passes}. {ends}"), self.budget, contenders)
+        });
+        timed.into_iter().collect()
     }
 
     fn request(&self, planner: &PlannerPeers, checks: &mut Vec<Check>) -> Result<Row> {

@@ -8,9 +8,10 @@ use motionette::decoding::decoder::Workspace;
 use motionette::hash::Stream;
 use motionette::nn::output::Channels;
 use motionette::planning::session::Modules;
+use motionette::planning::tmd::Step;
 use motionette::planning::{Limits, Session};
 use motionette::refining::{Config, Report};
-use motionette::{Anchors, Generator, Joint, Model, Planning, Prompt, Request};
+use motionette::{Anchors, Generator, Joint, Model, Planning, Prompt, Request, Sampling};
 use motionette_host::blob_file::BlobFile;
 
 /// What is asked for.
@@ -97,11 +98,22 @@ impl<'m> Planner<'m> {
     /// # Errors
     /// Never: nobody interrupts.
     pub fn step(&mut self, tokens: &[u16], time: f32) -> Result<()> {
-        let planning = &Planning::DEFAULT;
+        let step = self.session.tmd().step(time, time + 1.0 / f32::from(STEPS));
+        self.advance(tokens, time, &Planning::DEFAULT, Some(&step))
+    }
+
+    /// What the networks do of a step: both passes, the logits of every position and the most probable token of each.
+    ///
+    /// # Errors
+    /// Never: nobody interrupts.
+    pub fn networks(&mut self, tokens: &[u16], time: f32) -> Result<()> {
+        self.advance(tokens, time, &Planning { sampling: Sampling::Greedy, ..Planning::DEFAULT }, None)
+    }
+
+    fn advance(&mut self, tokens: &[u16], time: f32, planning: &Planning<'_>, step: Option<&Step>) -> Result<()> {
         let passed = self.session.pass(tokens, time, planning, &mut || Ok(()));
         passed.map_err(|_| anyhow!("the planner was interrupted"))?;
-        let step = self.session.tmd().step(time, time + 1.0 / f32::from(STEPS));
-        self.session.advance(planning, Some(&step), &mut self.stream, &mut tokens.to_vec());
+        self.session.advance(planning, step, &mut self.stream, &mut tokens.to_vec());
         Ok(())
     }
 
