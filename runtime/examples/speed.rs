@@ -7,12 +7,11 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
-use motionette::MOST_ROWS;
-use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::hash::Stream;
 use motionette::motion::humanml3d;
 use motionette::planning::{Limits, Session};
+use motionette::{MOST_ROWS, ROWS};
 use motionette::{Model, Planning, Prompt};
 
 /// Timings of each part; the fastest counts.

@@ -1,7 +1,6 @@
 //! Anchors inside the planner, on small random models: their features against dense curves, what they tell the planner against an
 //! f64 oracle, and what a request notices of them.
 
-use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::blob::{ControlConfig, Error as BlobError, Norm, TransformerConfig};
 use motionette::hash::Stream;
@@ -10,7 +9,7 @@ use motionette::perception::scaffold::{self, Scaffold, Statistics};
 use motionette::planning::{Limits, Session};
 use motionette::refining::Config;
 use motionette::{
-    Anchor, Error, Flow, Generator, Length, Model, Observer, Planning, Progress, Prompt, Request, Stage, Target,
+    Anchor, Error, Flow, Generator, Length, Model, Observer, Planning, Progress, Prompt, ROWS, Request, Stage, Target,
 };
 use motionette_host::reference;
 use motionette_tests::naive_prior::{self, Rows, Scene};

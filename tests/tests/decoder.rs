@@ -1,8 +1,7 @@
 //! The runtime's decoder, recovery and gradients against an f64 oracle, on small random models.
 
-use motionette::ROWS;
 use motionette::hash::Stream;
-use motionette::{Error, Generator, Limits, Model, Plan, Request};
+use motionette::{Error, Generator, Limits, Model, Plan, ROWS, Request};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};
 

@@ -1,12 +1,11 @@
 //! Input gradients of the runtime's decoder and recovery against central differences of the f64 oracle.
 
 use motionette::Model;
-use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::decoding::decoder::Interrupted;
 use motionette::hash::Stream;
 use motionette::motion::humanml3d::{Features, Path, channels};
-use motionette::{LEAST_ROWS, MOST_ROWS};
+use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};
 

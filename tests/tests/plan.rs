@@ -3,13 +3,12 @@
 
 use std::path::Path;
 
-use motionette::ROWS;
 use motionette::hash::Stream;
 use motionette::kernels::count;
 use motionette::motion::humanml3d::POSITION_CHANNELS;
 use motionette::refining::{Activity, Basis, Config, Method, Prior};
 use motionette::{
-    Anchor, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, Request, Sampling, Schedule, Source,
+    Anchor, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling, Schedule, Source,
     StreamLimits, StreamPlan, planning,
 };
 use motionette_host::blob_file::BlobFile;

@@ -1,12 +1,11 @@
 //! The planner against an f64 oracle on small random models: text encoder, length, logits, and the sampler's marginals.
 
-use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::blob::{Activation, Norm};
 use motionette::hash::Stream;
 use motionette::planning::tmd::{Metric, Tmd};
 use motionette::planning::{Limits, Session};
-use motionette::{Fixed, Flow, Generator, Length, Model, Observer, Planning, Prompt, Request, Sampling};
+use motionette::{Fixed, Flow, Generator, Length, Model, Observer, Planning, Prompt, ROWS, Request, Sampling};
 use motionette_tests::naive_prior::{self, Rows, Scene};
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 

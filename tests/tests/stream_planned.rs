@@ -1,14 +1,13 @@
 //! A motion planned piece by piece: each segment is what a request with its context given would make, seams are no rougher
 //! than the rest, and the observer may stop it anywhere.
 
-use motionette::ROWS;
 use motionette::arena::Arena;
 use motionette::hash::Stream;
 use motionette::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
 use motionette::planning::{self, PlanningError};
 use motionette::{
     Error, Fixed, Flow, Frame, Generator, JOINTS, Length, Limits, Model, MotionStream, Observer, Plan, Planning,
-    Progress, Request, Segment, Stage, StreamLimits, StreamPlan,
+    Progress, ROWS, Request, Segment, Stage, StreamLimits, StreamPlan,
 };
 use motionette_host::blob_file::BlobFile;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};

@@ -1,6 +1,5 @@
 //! Requests by text through the generator, on small random models: replay, options, given tokens, memory, stops, bad input.
 
-use motionette::ROWS;
 use motionette::blob::{Error as BlobError, TransformerConfig};
 use motionette::hash::Stream;
 use motionette::perception::anchors::AnchorSet;
@@ -13,7 +12,7 @@ use motionette::{
     Anchor, Error, Fixed, Flow, Generator, Length, Model, Motion, Observer, Planning, Progress, Prompt, Request,
     Sampling, Schedule, Stage,
 };
-use motionette::{LEAST_ROWS, MOST_ROWS};
+use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive_prior;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 

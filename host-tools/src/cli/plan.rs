@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use motionette::ROWS;
 use motionette::planning::{Limits, Planning};
 use motionette::refining::Config;
-use motionette::{LEAST_ROWS, MOST_ROWS};
+use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use serde_json::Value;
 
 use super::model::grouped;

@@ -1,12 +1,11 @@
 //! Hostile requests on a good model: lengths, tokens, anchors, solver settings, arenas that are too small, observers that
 //! stop the work anywhere.
 
-use motionette::ROWS;
 use motionette::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
 use motionette::{
-    Anchor, Error, Fixed, Flow, Generator, Length, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
-    Sampling, Schedule, Source, Target,
+    Anchor, Error, Fixed, Flow, Generator, Length, Limits, Model, Observer, Plan, Planning, Progress, Prompt, ROWS,
+    Request, Sampling, Schedule, Source, Target,
 };
 
 use super::{Entry, Memory, Tally};

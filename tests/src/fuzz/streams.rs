@@ -1,10 +1,9 @@
 //! Streams in careless hands: tokens and requests of any kind at any time, a full queue, frames taken late, work stopped
 //! anywhere, an end and what comes behind it.
 
-use motionette::ROWS;
 use motionette::hash::Stream;
 use motionette::{
-    Error, Fixed, Flow, Frame, Generator, Model, MotionStream, Prompt, Request, Source, StreamLimits, StreamPlan,
+    Error, Fixed, Flow, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, StreamLimits, StreamPlan,
     planning,
 };
 
