@@ -2,15 +2,12 @@
 
 use motionette::Model;
 use motionette::arena::Arena;
-use motionette::decoding::decoder::Interrupted;
+use motionette::decoding::decoder::{Interrupted, Portion};
 use motionette::hash::Stream;
 use motionette::motion::humanml3d::{Features, Path, channels};
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};
-
-/// Tokens that pass at a time.
-const CHUNK: usize = ROWS + ROWS / 2;
 
 /// One term `d . position(joint, frame)` of a linear objective.
 struct Term {
@@ -81,6 +78,7 @@ fn oracle_gradient(tiny: &Tiny, u: &[f32], terms: &[Term], stride: usize) -> Vec
 #[test]
 fn gradients_agree_with_central_differences_for_every_shape() {
     let base = Shape::default();
+    let chunk = Portion::new(usize::MAX, ROWS).tokens;
     let shapes = [
         base.clone(),
         Shape { width: 33, code_width: 7, dilations: vec![9, 3, 1], ..base.clone() },
@@ -91,9 +89,9 @@ fn gradients_agree_with_central_differences_for_every_shape() {
         let tiny = Tiny::new(shape.clone(), 40 + seed as u64);
         let model = Model::open(tiny.bytes()).unwrap();
         let mut random = Stream::new(seed as u64);
-        for tokens in [1, 2, 5, CHUNK + 1, 2 * CHUNK + 3] {
+        for tokens in [1, 2, 5, chunk + 1, 2 * chunk + 3] {
             // Of long motions, which pass in chunks, a part: the oracle decodes them twice for each number.
-            let stride = if tokens < CHUNK { 1 } else { 11 };
+            let stride = if tokens < chunk { 1 } else { 11 };
             let frames = tokens * model.frames_per_token();
             let u: Vec<f32> = (0..tokens * usize::from(shape.code_width)).map(|_| 2.0 * random.unit() - 1.0).collect();
             let mut signed = || 2.0 * random.unit() - 1.0;

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use motionette::decoding::decoder::Portion;
 use motionette::hash::Stream;
 use motionette::kernels::count;
 use motionette::motion::humanml3d::POSITION_CHANNELS;
@@ -16,8 +17,6 @@ use motionette_tests::fuzz;
 use motionette_tests::standard;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 
-/// Tokens that pass the decoder at a time.
-const CHUNK: usize = ROWS + ROWS / 2;
 /// What memory holds before.
 const PAINT: u8 = 0xC3;
 /// Requests on small models and on the bundled one.
@@ -301,7 +300,7 @@ fn plans_bound_bytes_and_multiply_accumulates() {
             count::reset();
             generator.generate(&Request::tokens(&tokens), &mut ()).expect(name);
             let products = decoding(&tiny.shape, length);
-            let follow = (length + model.decoder().radius_tokens()).div_ceil(length.min(CHUNK)) - 1;
+            let follow = (length + model.decoder().radius_tokens()).div_ceil(Portion::new(length, ROWS).tokens) - 1;
             let again = u64::from(tiny.shape.stages) * u64::from(tiny.shape.width).pow(2);
             let bounds = products..=products + follow as u64 * again;
             assert!(bounds.contains(&count::total()), "{name}: {length} tokens, {} in {bounds:?}", count::total());
@@ -341,11 +340,12 @@ fn layers_take_no_more_for_longer_motions() {
             &Limits { tokens, anchors: 8, refinement: Config::default(), planning: None, rows: ROWS },
         )
     };
-    let (short, long) = (plan(CHUNK), plan(nano.max_tokens()));
+    let chunk = Portion::new(usize::MAX, ROWS).tokens;
+    let (short, long) = (plan(chunk), plan(nano.max_tokens()));
     assert_eq!(short.decoder_bytes, long.decoder_bytes);
-    assert!(plan(CHUNK / 2).decoder_bytes < short.decoder_bytes);
+    assert!(plan(chunk / 2).decoder_bytes < short.decoder_bytes);
     // Stages of three residual blocks, twelve ReLUs a token and pair of frames; input and middle convolution: 96 channels each.
     let gates = |tokens: usize| 96 / 8 * (tokens * (1 + 6) + 2 * tokens * 6 + 4 * tokens);
     assert!(long.gate_bytes.abs_diff(gates(nano.max_tokens())) < 16, "{long:?}");
-    assert!(short.gate_bytes.abs_diff(gates(CHUNK)) < 16, "{short:?}");
+    assert!(short.gate_bytes.abs_diff(gates(chunk)) < 16, "{short:?}");
 }

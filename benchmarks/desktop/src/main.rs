@@ -338,25 +338,21 @@ impl Bench<'_> {
         ours.step(tokens, network::TIME)?;
         check(checks, Library::Ours, "ours", "logits", &ours.logits(tokens.len()), &peers.case.logits)?;
         let passes = format!("guided, so two passes over {} tokens, and the logits of all of them", tokens.len());
-        let rows = [
+        let rows: [(_, _, fn(&mut _, &[u16], f32) -> _); 2] = [
             (
                 "planner_step",
                 "Ours also draws a proposal and a step for every token; the peers stop at the logits.",
-                true,
+                ours::Planner::step,
             ),
             (
                 "planner_networks",
                 "As much as the peers do, but that ours takes the most probable tokens as well.",
-                false,
+                ours::Planner::networks,
             ),
         ];
-        let timed = rows.map(|(name, ends, whole)| {
-            let step = || {
-                let step = if whole { ours::Planner::step } else { ours::Planner::networks };
-                step(&mut ours, black_box(tokens), network::TIME)
-            };
+        let timed = rows.map(|(name, ends, step)| {
             let contenders = vec![
-                (Library::Ours, Contender::new("ours", step)),
+                (Library::Ours, Contender::new("ours", || step(&mut ours, black_box(tokens), network::TIME))),
                 (Library::Candle, Contender::new("candle", || done(peers.candle_step()))),
                 (Library::Tract, Contender::new("tract", || done(peers.tract_step()))),
             ];

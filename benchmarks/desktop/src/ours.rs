@@ -1,8 +1,6 @@
 //! The runtime, called as `runtime/examples/speed.rs` calls it.
 
 use anyhow::{Context, Result, anyhow};
-
-use motionette::MOST_ROWS;
 use motionette::arena::Arena;
 use motionette::decoding::decoder::Workspace;
 use motionette::hash::Stream;
@@ -11,7 +9,7 @@ use motionette::planning::session::Modules;
 use motionette::planning::tmd::Step;
 use motionette::planning::{Limits, Session};
 use motionette::refining::{Config, Report};
-use motionette::{Anchors, Generator, Joint, Model, Planning, Prompt, Request, Sampling};
+use motionette::{Anchors, Generator, Joint, MOST_ROWS, Model, Planning, Prompt, Request, Sampling};
 use motionette_host::blob_file::BlobFile;
 
 /// What is asked for.

@@ -16,8 +16,8 @@ use crate::nn::residual::Residual;
 use heapless::Vec;
 
 /// What passes through the decoder at a time.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Portion {
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Portion {
     /// Tokens.
     pub tokens: usize,
     /// Rows that a layer multiplies together, at most: its weights are read once for so many.
@@ -27,7 +27,8 @@ pub(super) struct Portion {
 impl Portion {
     /// Of a motion of so many tokens, where `rows` of the planner's pass at a time ([`crate::Limits::rows`]): half as many tokens more, and
     /// three times as many rows a layer. What both take grows alike.
-    fn new(tokens: usize, rows: usize) -> Self {
+    #[must_use]
+    pub fn new(tokens: usize, rows: usize) -> Self {
         let rows = rows.clamp(LEAST_ROWS, MOST_ROWS);
         Portion { tokens: tokens.clamp(1, rows + rows / 2), rows: 3 * rows }
     }
@@ -145,7 +146,8 @@ impl<'a> Decoder<'a> {
     }
 
     /// Multiply-accumulates of one forward pass over `tokens` for `channels` at most, in a workspace for so many rows
-    /// ([`Decoder::workspace`]), taps outside the sequence included; the gradient costs the same but for the upsampling convolutions, which it does once a tap as well.
+    /// ([`Decoder::workspace`]), taps outside the sequence included; the gradient costs the same but for the upsampling convolutions,
+    /// which it does once a tap as well.
     #[must_use]
     pub fn macs(&self, tokens: usize, channels: &Channels, rows: usize) -> u64 {
         let chunks = (tokens + self.radius_tokens()).div_ceil(Portion::new(tokens, rows).tokens.max(1));

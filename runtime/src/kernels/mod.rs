@@ -1,8 +1,9 @@
 //! Integer inner loops: int16 activations times int8 or 4-bit weights, int32 accumulators.
 //!
 //! The portable implementation is the specification and what every other target runs. Cortex-M cores with the DSP extension
-//! or MVE have loops in assembly, with MVE for the rounding of activations, too. x86-64 has AVX2, AVX-VNNI and AVX-512 variants, of which the best that processor and system support
-//! is chosen at the first call; there the loops over f32 around the integers gain from wide registers as well: [`widened`].
+//! or MVE have loops in assembly, with MVE for the rounding of activations, too. x86-64 has AVX2, AVX-VNNI and AVX-512 variants,
+//! of which the best that processor and system support is chosen at the first call; there the loops over f32 around the integers
+//! gain from wide registers as well: [`widened`].
 //! Callers guarantee by the range of the activations ([`crate::nn::quantise::limit`]) that no accumulator can overflow,
 //! and all variants wrap where one does, so every order of summation gives the same bits.
 //!

@@ -36,7 +36,7 @@ pub(super) fn least(model: &Model<'_>) -> usize {
     Plan::for_request(model, &limits).arena_bytes
 }
 
-/// Arena bytes of `request` with so many rows of the planner at a time, if it can be planned.
+/// Arena bytes of `request` with so many rows at a time, if it can be planned.
 pub(super) fn need(model: &Model<'_>, request: &Request<'_>, rows: usize) -> Option<usize> {
     let mut generator = Generator::new(model.clone(), &mut []).ok()?;
     generator.set_rows(rows);

@@ -17,10 +17,14 @@ pub fn widened<R>(body: impl FnOnce() -> R) -> R {
     body()
 }
 
-/// See [`super::portable::linear_s16s8`]; many rows by AVX-VNNI, which then MUST be there.
+/// See [`super::portable::linear_s16s8`]; many rows by AVX-VNNI where `VNNI` says so.
+///
+/// # Safety
+/// With `VNNI` the processor has AVX-VNNI.
 #[target_feature(enable = "avx2")]
-pub fn linear_s16s8<const VNNI: bool>(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    if !panel::forward::<VNNI>(x, w, inputs, outputs, acc) {
+pub unsafe fn linear_s16s8<const VNNI: bool>(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
+    // SAFETY: the caller says so.
+    if !unsafe { panel::forward::<VNNI>(x, w, inputs, outputs, acc) } {
         by_rows!(forward, x, inputs, acc, outputs, w);
     }
 }
@@ -34,9 +38,19 @@ pub fn linear_s16s4(x: &[i16], w: &[u8], inputs: usize, outputs: usize, acc: &mu
 }
 
 /// See [`super::portable::linear_transposed_s16s8`]; as above.
+///
+/// # Safety
+/// As of [`linear_s16s8`].
 #[target_feature(enable = "avx2")]
-pub fn linear_transposed_s16s8<const VNNI: bool>(g: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) {
-    if !panel::transposed::<VNNI>(g, w, outputs, inputs, acc) {
+pub unsafe fn linear_transposed_s16s8<const VNNI: bool>(
+    g: &[i16],
+    w: &[i8],
+    inputs: usize,
+    outputs: usize,
+    acc: &mut [i32],
+) {
+    // SAFETY: the caller says so.
+    if !unsafe { panel::transposed::<VNNI>(g, w, outputs, inputs, acc) } {
         by_rows!(transposed, g, outputs, acc, inputs, w);
     }
 }

@@ -25,8 +25,11 @@ struct Panel {
 
 /// `acc[r][n] = sum of x[r][k] w[n][k]` for `x [rows][K]`, `w [N][K]`, `acc [rows][N]`. Returns whether it did: a panel serves many rows,
 /// of which nothing is missing, and pairs of terms.
+///
+/// # Safety
+/// With `VNNI` the processor has AVX-VNNI.
 #[target_feature(enable = "avx2")]
-pub fn forward<const VNNI: bool>(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) -> bool {
+pub unsafe fn forward<const VNNI: bool>(x: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32]) -> bool {
     if !inputs.is_multiple_of(2) || outputs < SUMS || !serves(x, w, (inputs, outputs), 2 * PAIRS, acc) {
         return false;
     }
@@ -35,14 +38,24 @@ pub fn forward<const VNNI: bool>(x: &[i16], w: &[i8], inputs: usize, outputs: us
         // Where fewer sums are left than a panel has, it takes some again.
         let first = first.min(outputs - SUMS);
         panel.put_turned(w.get(first * inputs..(first + SUMS) * inputs).unwrap_or(&[]), inputs);
-        panel.multiply::<VNNI>(x, inputs, first, acc, outputs);
+        // SAFETY: the caller says so.
+        unsafe { panel.multiply::<VNNI>(x, inputs, first, acc, outputs) };
     }
     true
 }
 
 /// `acc[r][k] = sum of g[r][n] w[n][k]` for `g [rows][N]`, `w [N][K]`, `acc [rows][K]`. Returns whether it did, as [`forward`].
+///
+/// # Safety
+/// As of [`forward`].
 #[target_feature(enable = "avx2")]
-pub fn transposed<const VNNI: bool>(g: &[i16], w: &[i8], outputs: usize, inputs: usize, acc: &mut [i32]) -> bool {
+pub unsafe fn transposed<const VNNI: bool>(
+    g: &[i16],
+    w: &[i8],
+    outputs: usize,
+    inputs: usize,
+    acc: &mut [i32],
+) -> bool {
     if inputs < SUMS || !serves(g, w, (outputs, inputs), 2 * PAIRS, acc) {
         return false;
     }
@@ -54,7 +67,8 @@ pub fn transposed<const VNNI: bool>(g: &[i16], w: &[i8], outputs: usize, inputs:
             let (even, odd) = (channels(even, first), channels(odd, first));
             pair.write(_mm256_set_m128i(_mm_unpackhi_epi8(even, odd), _mm_unpacklo_epi8(even, odd)));
         }
-        panel.multiply::<VNNI>(g, outputs, first, acc, inputs);
+        // SAFETY: the caller says so.
+        unsafe { panel.multiply::<VNNI>(g, outputs, first, acc, inputs) };
     }
     if let (false, Some(last)) = (outputs.is_multiple_of(2), w.get((outputs - 1) * inputs..)) {
         add_last(g, outputs, last, acc);
@@ -88,9 +102,12 @@ impl Panel {
     }
 
     /// 16 sums from `first` on of rows `x [rows][terms]`, into `acc [rows][width]`.
+    ///
+    /// # Safety
+    /// As of [`forward`].
     #[inline]
     #[target_feature(enable = "avx2")]
-    fn multiply<const VNNI: bool>(&self, x: &[i16], terms: usize, first: usize, acc: &mut [i32], width: usize) {
+    unsafe fn multiply<const VNNI: bool>(&self, x: &[i16], terms: usize, first: usize, acc: &mut [i32], width: usize) {
         let rows = (x.len() / terms).min(acc.len() / width);
         let mut at = 0;
         while at < rows {
