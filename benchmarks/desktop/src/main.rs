@@ -338,27 +338,26 @@ impl Bench<'_> {
         ours.step(tokens, network::TIME)?;
         check(checks, Library::Ours, "ours", "logits", &ours.logits(tokens.len()), &peers.case.logits)?;
         let passes = format!("guided, so two passes over {} tokens, and the logits of all of them", tokens.len());
-        let rows: [(_, _, fn(&mut _, &[u16], f32) -> _); 2] = [
-            (
-                "planner_step",
-                "Ours also draws a proposal and a step for every token; the peers stop at the logits.",
-                ours::Planner::step,
-            ),
-            (
-                "planner_networks",
-                "As much as the peers do, but that ours takes the most probable tokens as well.",
-                ours::Planner::networks,
-            ),
-        ];
-        let timed = rows.map(|(name, ends, step)| {
+        let mut timed = |name, ends, step: fn(&mut _, &[u16], f32) -> _| {
             let contenders = vec![
                 (Library::Ours, Contender::new("ours", || step(&mut ours, black_box(tokens), network::TIME))),
                 (Library::Candle, Contender::new("candle", || done(peers.candle_step()))),
                 (Library::Tract, Contender::new("tract", || done(peers.tract_step()))),
             ];
             row(name, format!("{passes}. {ends}"), self.budget, contenders)
-        });
-        timed.into_iter().collect()
+        };
+        Ok(vec![
+            timed(
+                "planner_step",
+                "Ours also draws a proposal and a step for every token; the peers stop at the logits.",
+                ours::Planner::step,
+            )?,
+            timed(
+                "planner_networks",
+                "As much as the peers do, but that ours takes the most probable tokens as well.",
+                ours::Planner::networks,
+            )?,
+        ])
     }
 
     fn request(&self, planner: &PlannerPeers, checks: &mut Vec<Check>) -> Result<Row> {
