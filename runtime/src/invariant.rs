@@ -1,21 +1,17 @@
 //! Impossible cases, loud where somebody can hear.
 
+/// Whether a broken [`invariant!`] panics: in tests and check builds, never in a release.
+pub(crate) const LOUD: bool = cfg!(any(test, feature = "invariants"));
+
 /// States what holds by construction. Where it does not, tests and check builds panic with the place and the values; in a release build the
 /// code behind it carries on with what it has, and nothing is left of the statement.
 ///
 /// It is for sizes and states that no caller can bring about, never for input: that gets a typed error. Without it, a buffer of a wrong
 /// size becomes a plausible motion.
 macro_rules! invariant {
-    ($holds:expr, $($message:tt)+) => {
-        #[cfg(any(test, feature = "invariants"))]
-        {
-            assert!($holds, $($message)+);
-        }
-    };
-    ($holds:expr) => {
-        #[cfg(any(test, feature = "invariants"))]
-        {
-            assert!($holds);
+    ($holds:expr $(, $($message:tt)+)?) => {
+        if $crate::invariant::LOUD {
+            assert!($holds $(, $($message)+)?);
         }
     };
 }
@@ -26,8 +22,8 @@ macro_rules! part {
         match $slice.get($range) {
             Some(part) => part,
             None => {
-                invariant!(false, "no such part of a slice: {}", stringify!($slice[$range]));
-                Default::default()
+                invariant!(false, "there is no {}", stringify!($slice[$range]));
+                &[]
             }
         }
     };
@@ -39,11 +35,9 @@ macro_rules! part_mut {
         match $slice.get_mut($range) {
             Some(part) => part,
             None => {
-                invariant!(false, "no such part of a slice: {}", stringify!($slice[$range]));
-                Default::default()
+                invariant!(false, "there is no {}", stringify!($slice[$range]));
+                &mut []
             }
         }
     };
 }
-
-pub(crate) use {invariant, part, part_mut};
