@@ -74,7 +74,7 @@ impl<'a> Codebooks<'a> {
     /// One code of the first codebook, `[du]`; nothing where there is none.
     pub fn values(&self, code: usize) -> impl Iterator<Item = f32> + Clone + use<'a> {
         let [first, ..] = self.books;
-        let bits = part!(first, code * self.width..(code + 1) * self.width);
+        let bits = first.get(code * self.width..(code + 1) * self.width).unwrap_or(&[]);
         bits.iter().map(|bits| f16::from_bits(*bits).to_f32())
     }
 

@@ -131,8 +131,9 @@ impl Layer<'_, '_> {
             _ => quantise::rows(x, width, quantise::limit(width), new_q, new_scales),
         }
         if let Layer::Output(_) = self {
-            copy(new_q, part_mut!(last.q, entered * width..));
-            copy(new_scales, part_mut!(last.scales, entered..));
+            // Nobody may want to keep them.
+            copy(new_q, last.q.get_mut(entered * width..).unwrap_or(&mut []));
+            copy(new_scales, last.scales.get_mut(entered..).unwrap_or(&mut []));
         }
         // As many rows are done with as came, zero rows first.
         let done = came.saturating_sub(lead).min(all);

@@ -212,6 +212,9 @@ impl<'a> Output<'a> {
     pub fn forward(&self, x: Rows<'_>, first: usize, channels: &Channels, out: &mut [f32], scratch: &mut Scratch<'_>) {
         let width = channels.count().max(1);
         let (count, rows) = (out.len() / width, x.scales.len());
+        if count == 0 {
+            return;
+        }
         out.fill(0.0);
         for tap in 0..self.taps {
             let offset = tap as isize - self.reach() as isize;
