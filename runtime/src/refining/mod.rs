@@ -29,20 +29,11 @@ pub mod residual_metric;
 pub mod route_solver;
 mod vector;
 
+pub use crate::stop::Stop;
 pub use config::{Activity, Basis, Config, Method, PerFamily};
 pub use report::{ControlError, Report, SolverError, StopReason};
 pub use residual_metric::Prior;
 pub use route_solver::{scratch_len, solve};
-
-/// Wish of whoever watches the work, delivered through a [`MotionMap`] in the middle of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Stop {
-    /// Stop at once; the result is not wanted. [`solve`] returns [`SolverError::Aborted`].
-    Abort,
-    /// Stop at once and return the best so far.
-    Finish,
-}
 
 /// The differentiable road from token embeddings `u [tokens][width]` to joint positions.
 ///
