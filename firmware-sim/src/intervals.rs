@@ -5,7 +5,7 @@ use motionette::perception::anchors::{AnchorError, AnchorSet, MAX_ANCHORS};
 use motionette::refining::activity::{Random, activities};
 use motionette::refining::interval_basis::{self, IntervalBasis};
 use motionette::refining::objective::Measured;
-use motionette::refining::{Activity, Basis, PerFamily};
+use motionette::refining::{Activity, Basis, PerFamily, TokenGrid};
 use motionette_host::motion::Pose;
 use serde::Serialize;
 
@@ -41,7 +41,8 @@ pub fn of(
         return Ok(Vec::new());
     }
     // Every basis has the same intervals; this one needs no memory.
-    let basis = IntervalBasis::new(&set, frames, tokens, Basis::Plain, &mut []);
+    let grid = TokenGrid { tokens, frames_per_token: frames / tokens.max(1) };
+    let basis = IntervalBasis::new(&set, grid, Basis::Plain, &mut []);
     let mut token = 0;
     let place = |interval: &interval_basis::Interval| {
         let interval_basis::Interval { left, right, tokens, .. } = *interval;

@@ -11,7 +11,7 @@ use motionette::refining::{Config, MotionMap};
 /// `J` without the trust region from the definition (AnchorRoute eq. 26-28).
 fn oracle(mock: &mut Mock, u: &[f64], anchors: &[Anchor], config: &Config) -> f64 {
     mock.decode(u);
-    let frames = 4 * mock.tokens;
+    let frames = mock.frames();
     let at = |joint: usize, frame: usize| mock.joints[frame * JOINTS + joint];
     let mut total = 0.0;
     // Controlled trajectories: joint and whether its height is controlled.

@@ -10,11 +10,12 @@ use motionette::refining::activity::{Random as Shuffler, activities};
 use motionette::refining::interval_basis::{IntervalBasis, MAX_INTERVALS, values_len};
 use motionette::refining::objective::Objective;
 use motionette::refining::{
-    Activity, Basis, Config, MotionMap, PerFamily, Report, SolverError, StopReason, scratch_len, solve,
+    Activity, Basis, Config, MotionMap, PerFamily, Report, SolverError, StopReason, TokenGrid, scratch_len, solve,
 };
 
 const TOKENS: usize = 25;
 const WIDTH: usize = 16;
+const GRID: TokenGrid = TokenGrid { tokens: TOKENS, frames_per_token: 4 };
 
 /// Places of anchors spread over the motion: root, planar root, body points, or a mixture with several at one frame.
 fn places(kind: usize, count: usize, seed: u64) -> (Vec<(u16, Option<u8>)>, bool) {
@@ -135,7 +136,7 @@ fn one_published_step_is_the_projected_adam_step() {
         *g = -config.learning_rate.root_3d * *g / (g.abs() + 1e-8);
     }
     let mut values = vec![0.0; values_len(TOKENS, Basis::Affine)];
-    let basis = IntervalBasis::new(&set, 4 * TOKENS, TOKENS, Basis::Affine, &mut values);
+    let basis = IntervalBasis::new(&set, GRID, Basis::Affine, &mut values);
     let activity = activities(Activity::Residual, &basis, &set, &measured, &config.tolerance, &mut Shuffler::new(0));
     basis.project(&mut delta, WIDTH, &activity, config.ridge);
 
@@ -158,7 +159,7 @@ fn corrections_stay_in_the_span_of_the_basis() {
         let moved: Vec<f32> = u.iter().zip(&start).map(|(a, b)| a - b).collect();
         let shape = if basis == Basis::Plain { Basis::Affine } else { basis };
         let mut values = vec![0.0; values_len(TOKENS, shape)];
-        let routed = IntervalBasis::new(&set, 4 * TOKENS, TOKENS, shape, &mut values);
+        let routed = IntervalBasis::new(&set, GRID, shape, &mut values);
         let mut projected = moved.clone();
         routed.project(&mut projected, WIDTH, &[1.0; MAX_INTERVALS], 0.0);
         let off = moved.iter().zip(&projected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -183,7 +184,7 @@ fn activity_kinds_do_what_they_say() {
     mock.forward(&u).unwrap();
     let measured = Objective::new(&set, &Config::default()).measure(&mock);
     let mut values = vec![0.0; values_len(TOKENS, Basis::Affine)];
-    let basis = IntervalBasis::new(&set, 4 * TOKENS, TOKENS, Basis::Affine, &mut values);
+    let basis = IntervalBasis::new(&set, GRID, Basis::Affine, &mut values);
     let count = basis.intervals().len();
     let rho = 2.0;
     let mut random = Shuffler::new(5);
@@ -325,6 +326,22 @@ fn scratch_is_exact_and_checked() {
 }
 
 #[test]
+fn any_grid_of_tokens_and_frames_is_solved() {
+    for (tokens, frames_per_token) in [(50, 2), (24, 8), (256, 4)] {
+        for config in [Config::fast(30), Config::published(60)] {
+            let mut mock = Mock::with_frames_per_token(7, tokens, WIDTH, frames_per_token);
+            let end = mock.frames() as u16;
+            let places = [(end / 4, None), (end / 2 - 1, Some(20)), (3 * end / 4 + 1, None), (end - 2, Some(15))];
+            let (mut u, anchors) = mock.problem(3, &places, false);
+            let set = mock.set(&anchors);
+            let report = run(&mut mock, &mut u, &set, &config);
+            let (before, after) = (report.before.unwrap().mean, report.after.unwrap().mean);
+            assert!(after < 0.2 * before, "{tokens} tokens of {frames_per_token} frames: {before} -> {after}");
+        }
+    }
+}
+
+#[test]
 fn memory_budgets_hold() {
     let kib = |anchors, config: &Config| scratch_len(49, 32, anchors, config) * 4 / 1024;
     for config in [Config::fast(20), Config::published(200)] {
@@ -346,10 +363,10 @@ fn wrong_shapes_are_refused() {
     let error = solve(&mut mock, &mut u, &far, &config, &mut scratch).unwrap_err();
     assert_eq!(error, SolverError::FrameOutOfRange { frame: 150, frames: 4 * TOKENS });
 
-    for tokens in [0, 50] {
-        let mut mock = Mock::new(1, tokens, 4);
+    for (tokens, frames_per_token, limit) in [(0, 4, 16_384), (5, 0, 0), (2049, 32, 2048)] {
+        let mut mock = Mock::with_frames_per_token(1, tokens, 1, frames_per_token);
         let error = solve(&mut mock, &mut [], &AnchorSet::EMPTY, &config, &mut []).unwrap_err();
-        assert_eq!(error, SolverError::Tokens { tokens, limit: 49 });
+        assert_eq!(error, SolverError::Tokens { tokens, limit });
         assert!(!error.to_string().is_empty());
     }
 }

@@ -6,7 +6,7 @@ use crate::model::Model;
 use crate::motion::humanml3d::{Features, Path};
 use crate::nn::output::Channels;
 use crate::perception::anchors::AnchorSet;
-use crate::refining::{MotionMap, Stop};
+use crate::refining::{MotionMap, Stop, TokenGrid};
 
 /// The decoder and the recovery of joints as the solver sees them.
 pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
@@ -26,8 +26,8 @@ pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
     pub watch: Watch<'o>,
     /// The anchors, to report how far each evaluation is from them.
     pub anchors: &'s AnchorSet,
-    /// Frames of the motion.
-    pub frames: usize,
+    /// Tokens of the motion.
+    pub tokens: usize,
     /// False when the last point lay where the model guarantees nothing; its positions are infinite then.
     pub in_range: bool,
 }
@@ -66,12 +66,8 @@ fn watched(
 }
 
 impl MotionMap for DecoderMap<'_, '_, '_, '_> {
-    fn frames(&self) -> usize {
-        self.frames
-    }
-
-    fn tokens(&self) -> usize {
-        self.frames / self.model.frames_per_token().max(1)
+    fn grid(&self) -> TokenGrid {
+        TokenGrid { tokens: self.tokens, frames_per_token: self.model.frames_per_token() }
     }
 
     fn width(&self) -> usize {

@@ -292,7 +292,7 @@ impl<'a> Generator<'a> {
                 anchors: &anchors,
                 work: &mut work,
                 watch: Watch { observer, stage: Stage::Refining, evaluation: 0, evaluations: config.evaluations },
-                frames,
+                tokens: made.tokens,
                 in_range: true,
             };
             refinement = match refining::solve(&mut map, u, &anchors, &config, scratch) {

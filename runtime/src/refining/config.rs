@@ -3,9 +3,6 @@
 use super::residual_metric::Prior;
 use crate::perception::anchors::{AnchorSet, Family};
 
-/// Most token embeddings a motion may have (196 frames).
-pub const MAX_TOKENS: usize = 49;
-
 /// One number for each control family.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -9,6 +9,7 @@
 //! - [`quasi_newton`]: the fast default, L-BFGS in the coefficients of the interval basis.
 //! - [`objective`]: `J(u)`, its gradient with respect to joint positions, control errors.
 //! - [`residual_metric`]: what integration does to the anchors' residuals, undone; the reason why few evaluations suffice.
+//! - [`grid`]: tokens and their frames.
 //! - [`interval_basis`]: anchor intervals on the token grid, ridge projection, orthonormal coefficients.
 //! - [`activity`]: how much correction each interval may receive.
 //! - [`optimiser`]: Adam and L-BFGS over plain slices, without knowledge of motion.
@@ -20,6 +21,7 @@
 
 pub mod activity;
 pub mod config;
+pub mod grid;
 pub mod interval_basis;
 pub mod objective;
 pub mod optimiser;
@@ -30,6 +32,7 @@ pub mod route_solver;
 mod vector;
 
 pub use config::{Activity, Basis, Config, Method, PerFamily};
+pub use grid::TokenGrid;
 pub use report::{ControlError, Report, SolverError, StopReason};
 pub use residual_metric::Prior;
 pub use route_solver::{scratch_len, solve};
@@ -49,11 +52,8 @@ pub enum Stop {
 /// Implementors MUST keep what one [`forward`](Self::forward) computed until the next: [`position`](Self::position) and
 /// [`backward`](Self::backward) refer to it. The solver never asks for a gradient before the first forward pass.
 pub trait MotionMap {
-    /// Frames of the motion, normally 4 a token.
-    fn frames(&self) -> usize;
-
-    /// Token embeddings the map takes.
-    fn tokens(&self) -> usize;
+    /// Token embeddings the map takes, and the frames that each becomes.
+    fn grid(&self) -> TokenGrid;
 
     /// Numbers in one token embedding.
     fn width(&self) -> usize;

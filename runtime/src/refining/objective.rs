@@ -141,7 +141,7 @@ impl<'a> Objective<'a> {
         let mut sum = 0.0;
         for joint in self.controlled_joints() {
             let mut history = [[0.0; 3]; 3];
-            for frame in 0..map.frames() {
+            for frame in 0..map.grid().frames() {
                 let [_, b, c] = history;
                 history = [b, c, map.position(joint, frame)];
                 if frame >= 2 {
@@ -149,12 +149,12 @@ impl<'a> Objective<'a> {
                 }
             }
         }
-        sum * self.smoothness_mean(map.frames())
+        sum * self.smoothness_mean(map.grid().frames())
     }
 
     /// `dL_sm/dq[t] = 2 mean (D[t] - 2 D[t+1] + D[t+2])`, `D[t]` being the second difference that ends at t.
     fn gather_smoothness(&self, map: &mut impl MotionMap) {
-        let frames = map.frames();
+        let frames = map.grid().frames();
         let scale = 2.0 * self.smoothness * self.smoothness_mean(frames);
         for joint in self.controlled_joints() {
             let mut history = [[0.0; 3]; 3];
@@ -186,19 +186,19 @@ impl<'a> Objective<'a> {
     fn feasibility_term(&self, map: &impl MotionMap) -> f32 {
         let mut sum = 0.0;
         let mut old = map.position(ROOT, 0);
-        for frame in 1..map.frames() {
+        for frame in 1..map.grid().frames() {
             let new = map.position(ROOT, frame);
             let excess = larger(sqrtf(squared_length(difference(new, old))) - self.max_step, 0.0);
             sum += excess * excess;
             old = new;
         }
-        sum * Self::step_mean(map.frames())
+        sum * Self::step_mean(map.grid().frames())
     }
 
     fn gather_feasibility(&self, map: &mut impl MotionMap) {
-        let scale = 2.0 * self.feasibility * Self::step_mean(map.frames());
+        let scale = 2.0 * self.feasibility * Self::step_mean(map.grid().frames());
         let mut old = map.position(ROOT, 0);
-        for frame in 1..map.frames() {
+        for frame in 1..map.grid().frames() {
             let new = map.position(ROOT, frame);
             let step = difference(new, old);
             let length = sqrtf(squared_length(step));

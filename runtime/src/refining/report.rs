@@ -77,7 +77,7 @@ pub enum SolverError {
         /// Numbers expected.
         need: usize,
     },
-    /// The map has no token, or more than [`MAX_TOKENS`](super::config::MAX_TOKENS).
+    /// The map has no token, or so many that its frames cannot be counted in 16 bits.
     Tokens {
         /// Tokens of the map.
         tokens: usize,

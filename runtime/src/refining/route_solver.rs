@@ -10,7 +10,7 @@
 //! Deviations: the best iterate by `J` is returned, not the last; the paper names no optimiser, Adam is ours.
 
 use super::activity::{Random, activities};
-use super::config::{Basis, Config, MAX_TOKENS, Method};
+use super::config::{Basis, Config, Method};
 use super::interval_basis::{IntervalBasis, most_coefficients, values_len};
 use super::objective::{Measured, Objective};
 use super::optimiser::adam::Adam;
@@ -19,6 +19,9 @@ use super::residual_metric::{Prior, ResidualMetric, Residuals};
 use super::vector::{all_finite, axpy, clear, copy, squared_distance};
 use super::{MotionMap, Stop, quasi_newton};
 use crate::perception::anchors::AnchorSet;
+
+/// Most frames of a motion: anchors and intervals count them in 16 bits.
+const MAX_FRAMES: usize = 1 << 16;
 
 /// Numbers (`f32`) of scratch that [`solve`] uses for a motion of `tokens` tokens of `width` numbers and `anchors` distinct
 /// anchors: exact, known before anything runs.
@@ -47,9 +50,11 @@ pub fn solve<M: MotionMap>(
     config: &Config,
     scratch: &mut [f32],
 ) -> Result<Report, SolverError> {
-    let (tokens, width, frames) = (map.tokens(), map.width(), map.frames());
-    if tokens == 0 || width == 0 || tokens > MAX_TOKENS {
-        return Err(SolverError::Tokens { tokens, limit: MAX_TOKENS });
+    let (grid, width) = (map.grid(), map.width());
+    let (tokens, frames) = (grid.tokens, grid.frames());
+    if frames == 0 || width == 0 || frames > MAX_FRAMES {
+        let limit = MAX_FRAMES.checked_div(grid.frames_per_token).unwrap_or(0);
+        return Err(SolverError::Tokens { tokens, limit });
     }
     if u.len() != tokens * width {
         return Err(SolverError::Shape { have: u.len(), need: tokens * width });
@@ -73,7 +78,7 @@ pub fn solve<M: MotionMap>(
     if anchors.is_empty() {
         return Ok(run.report(StopReason::NoAnchors, 0.0));
     }
-    let mut basis = IntervalBasis::new(anchors, frames, tokens, config.basis, values);
+    let mut basis = IntervalBasis::new(anchors, grid, config.basis, values);
     let Some((origin, scratch)) = scratch.split_at_mut_checked(u.len()) else { return Err(too_short) };
     copy(origin, u);
     let reason = match config.method {
