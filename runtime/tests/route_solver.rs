@@ -273,6 +273,30 @@ fn unreachable_anchors_are_approached_and_reported() {
     }
 }
 
+/// A strong trust region makes points near the anchors worse by `J` than where the solve began.
+#[test]
+fn tolerance_is_that_of_the_result() {
+    let (mut met, mut seen) = (0, 0);
+    for base in [Config::fast(30), Config::published(60)] {
+        for trust in [0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0] {
+            for stop_error in [0.02, 0.1, 0.2] {
+                let (mut mock, mut u, set) = problem(0, 2, 5);
+                let report = run(&mut mock, &mut u, &set, &Config { trust, stop_error, ..base });
+                let worst = report.after.unwrap().worst;
+                assert_eq!(report.reason == StopReason::Tolerance, worst <= stop_error, "{trust}: {report:?}");
+                met += usize::from(worst <= stop_error);
+                let evaluated = mock.seen.clone();
+                let objective = Objective::new(&set, &base);
+                seen += usize::from(evaluated.iter().any(|u| {
+                    mock.forward(u).unwrap();
+                    worst > stop_error && objective.measure(&mock).control_error(&set).worst <= stop_error
+                }));
+            }
+        }
+    }
+    assert!(met > 5 && seen > 1, "{met} met, {seen} met at another point than the result");
+}
+
 #[test]
 fn met_anchors_cost_one_evaluation() {
     let (mut mock, mut u, _) = problem(0, 1, 1);

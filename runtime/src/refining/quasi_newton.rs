@@ -138,7 +138,7 @@ impl<'a> State<'a> {
         let mut point = start;
         let mut slow = 0;
         loop {
-            if run.satisfied(&point) {
+            if run.satisfied() {
                 return Ok(StopReason::Tolerance);
             }
             if run.spent() {

@@ -20,7 +20,7 @@ pub struct ControlError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StopReason {
-    /// No anchor is further off than the configured error.
+    /// No anchor of the result is further off than the configured error.
     Tolerance,
     /// The budget of decoder evaluations is spent.
     Budget,

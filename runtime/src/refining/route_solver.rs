@@ -200,9 +200,10 @@ impl<'a, M: MotionMap> Run<'a, M> {
         self.map.backward(du)
     }
 
-    /// True when every anchor is within the error at which the solve may end.
-    pub fn satisfied(&self, point: &Point) -> bool {
-        point.measured.control_error(self.objective.anchors).worst <= self.config.stop_error
+    /// True when every anchor of the best point, which is what a solve returns, is within the error at which it may end.
+    pub fn satisfied(&self) -> bool {
+        let worst = |best: Point| best.measured.control_error(self.objective.anchors).worst;
+        self.best.is_some_and(|best| worst(best) <= self.config.stop_error)
     }
 
     fn report(&self, reason: StopReason, distance: f32) -> Report {
@@ -266,7 +267,7 @@ fn adam_steps<M: MotionMap>(
         if run.consider(point) {
             copy(best, u);
         }
-        if run.satisfied(&point) {
+        if run.satisfied() {
             return Ok(StopReason::Tolerance);
         }
         if run.spent() {
