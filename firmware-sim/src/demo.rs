@@ -281,7 +281,7 @@ impl Cmd {
             (Some(text), _, _) => source::prompt(text),
             (None, Some(path), _) => source::recording(path, checkpoint, model.max_tokens())?,
             (None, None, Some(name)) => source::bundled(Some(name))?,
-            (None, None, None) => source::default_job()?,
+            (None, None, None) => source::default_job(model.frame_rate())?,
         };
         if let Some(path) = &self.anchors {
             source.anchors = anchors_file::read(path)?;

@@ -15,7 +15,7 @@ use crate::refining::{self, Config};
 pub struct Limits {
     /// Tokens (4 frames each).
     pub tokens: usize,
-    /// Anchors; 0 = no refinement.
+    /// Distinct anchors; 0 = no refinement.
     pub anchors: usize,
     /// Refinement.
     pub refinement: Config,

@@ -3,8 +3,8 @@
 
 use motionette::hash::Stream;
 use motionette::{
-    Error, Fixed, Flow, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, StreamLimits, StreamPlan,
-    planning,
+    AnchorList, Error, Fixed, Flow, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, StreamLimits,
+    StreamPlan, planning,
 };
 
 use super::requests::{self, Stopper};
@@ -111,7 +111,7 @@ fn operation(
             };
             let anchors = if random.below(8) == 0 { &anchors[..] } else { &[] };
             let planning = requests::planning(random, &fixed);
-            let request = Request { source, anchors, refinement: None, planning };
+            let request = Request { source, anchors: AnchorList::Frames(anchors), refinement: None, planning };
             let last = random.below(16) == 0;
             let planned =
                 if last { stream.plan_last(&request, &mut stopper) } else { stream.plan(&request, &mut stopper) };
