@@ -75,7 +75,7 @@ pub enum Error {
     },
     /// The planner took more memory than it said.
     #[error("the runtime's planner says: {0}")]
-    Arena(motionette::arena::ArenaTooSmall),
+    Arena(motionette::memory::ArenaTooSmall),
     /// A clip could not be encoded.
     #[error("clip {clip}: {source}")]
     Encode {

@@ -5,8 +5,8 @@
 //! reported apart. The same with anchors: those of the clips' own motion, of all families in turn.
 
 use motionette::ROWS;
-use motionette::arena::Arena;
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::Prompt;
 use motionette::planning::{Length, Limits, Planning, Session};
