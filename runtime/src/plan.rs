@@ -1,6 +1,5 @@
 //! What a request will need, known before it runs: arena bytes by purpose, and multiply-accumulates.
 
-use crate::JOINTS;
 use crate::decoding::stream::CHUNK;
 use crate::memory::bytes_of;
 use crate::model::Model;
@@ -77,8 +76,7 @@ pub struct Plan {
 
 /// Feature channels that the solver may have to decode for so many anchors.
 pub(crate) const fn solver_channels(anchors: usize) -> usize {
-    let joints = if anchors < JOINTS - 1 { anchors } else { JOINTS - 1 };
-    ROOT_CHANNELS + 3 * joints
+    ROOT_CHANNELS + 3 * refining::most_joints(anchors)
 }
 
 /// Elements of the buffer for features and their gradient, `frames` times this many.
@@ -121,8 +119,8 @@ impl Plan {
         let refining = if solver_bytes > rotation_bytes { solver_bytes } else { rotation_bytes };
         let rest = gate_bytes + decoder_bytes + feature_bytes + path_bytes + embedding_bytes + refining;
         let whole = decoder.macs(tokens, &channels(u32::MAX), limits.rows);
-        // The most expensive choice of joints: as many as there are anchors, from the first on.
-        let mask = (1u64 << (1 + if limits.anchors < JOINTS { limits.anchors } else { JOINTS })) - 1;
+        // The most expensive choice of joints: as many as the objective may read, from the first on.
+        let mask = (1u64 << (1 + refining::most_joints(limits.anchors))) - 1;
         let partial = decoder.macs(tokens, &channels(mask as u32), limits.rows);
         let plan = Plan {
             arena_bytes: token_bytes + if planning.all() > rest { planning.all() } else { rest },

@@ -5,14 +5,13 @@ use crate::decoding::decoder::{Interrupted, Workspace};
 use crate::model::Model;
 use crate::motion::humanml3d::{Features, Path};
 use crate::nn::output::Channels;
-use crate::perception::anchors::AnchorSet;
-use crate::refining::{MotionMap, Stop, TokenGrid};
+use crate::refining::{ControlError, MotionMap, Stop, TokenGrid};
 
 /// The decoder and the recovery of joints as the solver sees them.
 pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
     /// The model.
     pub model: &'s Model<'m>,
-    /// Feature channels that the anchored joints depend on.
+    /// Feature channels that the objective's joints depend on.
     pub channels: &'s Channels,
     /// Normalised features `[T][C]`.
     pub values: &'s mut [f32],
@@ -24,8 +23,6 @@ pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
     pub work: &'s mut Workspace<'w>,
     /// Asked at layer boundaries.
     pub watch: Watch<'o>,
-    /// The anchors, to report how far each evaluation is from them.
-    pub anchors: &'s AnchorSet,
     /// Tokens of the motion.
     pub tokens: usize,
     /// False when the last point lay where the model guarantees nothing; its positions are infinite then.
@@ -35,17 +32,6 @@ pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
 impl DecoderMap<'_, '_, '_, '_> {
     fn features(&self) -> Features<'_> {
         Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() }
-    }
-
-    /// Mean distance from the anchors, metres.
-    fn control_error(&self) -> f32 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for anchor in self.anchors.iter() {
-            let [x, y, z] = anchor.residual(self.position(anchor.joint, usize::from(anchor.frame)));
-            sum += libm::sqrtf(x * x + y * y + z * z);
-            count += 1.0;
-        }
-        if count > 0.0 { sum / count } else { 0.0 }
     }
 }
 
@@ -87,8 +73,11 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         let features =
             Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
         features.integrate(self.path);
-        let error = self.control_error();
-        self.watch.report(Some(error))
+        Ok(())
+    }
+
+    fn measured(&mut self, error: &ControlError) -> Result<(), Stop> {
+        self.watch.report(Some(error.mean))
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {

@@ -26,7 +26,7 @@ use crate::perception::prompt::Heard;
 use crate::plan::{Limits, Plan, ROWS, StreamLimits, feature_columns, rotation_columns};
 use crate::planning::session::Modules;
 use crate::planning::{self, PlanningError};
-use crate::refining::{self, SolverError, Stop};
+use crate::refining::{self, Objective, SolverError, Stop};
 use decoder_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
@@ -299,7 +299,8 @@ impl<'a> Generator<'a> {
             let mut overlay = arena.overlay();
             let scratch = overlay.take::<f32>(scratch).map_err(too_small)?;
             peak = peak.max(overlay.used());
-            let selected = channels(anchored_joints(&anchors));
+            let objective = Objective::new(&anchors, &config);
+            let selected = channels(objective.joints());
             let (values, gradient) = features.split_at_mut_checked(frames * selected.count()).unwrap_or_default();
             let mut map = DecoderMap {
                 model,
@@ -307,13 +308,12 @@ impl<'a> Generator<'a> {
                 values,
                 gradient,
                 path: &mut path,
-                anchors: &anchors,
                 work: &mut work,
                 watch: Watch { observer, stage: Stage::Refining, evaluation: 0, evaluations: config.evaluations },
                 tokens: made.tokens,
                 in_range: true,
             };
-            refinement = match refining::solve(&mut map, u, &anchors, &config, scratch) {
+            refinement = match refining::solve(&mut map, u, &objective, &config, scratch) {
                 Ok(report) => {
                     log::debug!("refined: {}", report);
                     Some(report)
@@ -409,9 +409,4 @@ fn embed<'t>(model: &Model<'_>, source: Source<'_>, tokens: &'t mut [u16], u: &m
     }
     model.codebooks().embed(tokens, u)?;
     Ok(tokens)
-}
-
-/// Bit mask of the joints that anchors control.
-fn anchored_joints(anchors: &AnchorSet) -> u32 {
-    anchors.iter().fold(0, |mask, anchor| mask | 1u32.wrapping_shl(u32::from(anchor.joint)))
 }

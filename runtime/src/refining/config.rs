@@ -1,6 +1,6 @@
 //! What the solver is asked to do: method, budget, weights, basis.
 
-use super::residual_metric::Prior;
+use super::metric::Prior;
 use crate::perception::anchors::{AnchorSet, Family};
 
 /// One number for each control family.
