@@ -134,5 +134,5 @@ pub fn through<'r>(
     anchors: &'r [Anchor],
     refinement: Option<motionette::refining::Config>,
 ) -> Request<'r> {
-    Request { anchors, refinement: refinement.filter(|_| !anchors.is_empty()), ..request }
+    Request { refinement: refinement.filter(|_| !anchors.is_empty()), ..request.anchors(anchors) }
 }

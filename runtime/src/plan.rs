@@ -1,6 +1,5 @@
 //! What a request will need, known before it runs: arena bytes by purpose, and multiply-accumulates.
 
-use crate::JOINTS;
 use crate::decoding::stream::CHUNK;
 use crate::generator::buffers::{self, Decoding};
 use crate::generator::stream;
@@ -11,14 +10,14 @@ use crate::perception::anchors::MAX_ANCHORS;
 use crate::planning;
 use crate::planning::request::MAX_STEPS;
 use crate::planning::session::Modules;
-use crate::refining::Config;
+use crate::refining::{self, Config};
 
 /// The largest request that is to be served.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// Tokens (4 frames each).
     pub tokens: usize,
-    /// Anchors; 0 = no refinement.
+    /// Distinct anchors; 0 = no refinement.
     pub anchors: usize,
     /// Refinement.
     pub refinement: Config,
@@ -108,8 +107,8 @@ impl Plan {
             return Err(PlanError::TooLarge);
         }
         let steps = if limits.anchors > 0 { u32::from(limits.refinement.evaluations) } else { 0 };
-        // The most expensive choice of joints: as many as there are anchors, from the first on.
-        let mask = (1u64 << (1 + if limits.anchors < JOINTS { limits.anchors } else { JOINTS })) - 1;
+        // The most expensive choice of joints: as many as the objective may read, from the first on.
+        let mask = (1u64 << (1 + refining::most_joints(limits.anchors))) - 1;
         let plan = Plan {
             arena_bytes,
             token_bytes,

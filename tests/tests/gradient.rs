@@ -84,7 +84,9 @@ fn gradients_agree_with_central_differences_for_every_shape() {
         base.clone(),
         Shape { width: 33, code_width: 7, dilations: vec![9, 3, 1], ..base.clone() },
         Shape { width: 8, wide: 0, dilations: vec![2], stages: 1, ..base.clone() },
-        Shape { width: 5, wide: 100, stages: 3, ..base },
+        Shape { width: 5, wide: 100, stages: 3, ..base.clone() },
+        // Codes wider than a token's frames together.
+        Shape { width: 8, code_width: 40, wide: 0, dilations: vec![1], stages: 1, ..base },
     ];
     for (seed, shape) in shapes.into_iter().enumerate() {
         let tiny = Tiny::new(shape.clone(), 40 + seed as u64);

@@ -9,8 +9,8 @@ use motionette::kernels::count;
 use motionette::motion::humanml3d::POSITION_CHANNELS;
 use motionette::refining::{Activity, Basis, Config, Method, Prior};
 use motionette::{
-    Anchor, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling, Schedule, Source,
-    StreamLimits, StreamPlan, planning,
+    Anchor, AnchorList, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling,
+    Schedule, Source, StreamLimits, StreamPlan, planning,
 };
 use motionette_host::blob_file::BlobFile;
 use motionette_tests::fuzz;
@@ -190,7 +190,7 @@ impl Seen {
         };
         let anchors = anchors(random, positions * model.frames_per_token());
         let refinement = Some(config(random)).filter(|_| random.below(4) > 0);
-        let request = Request { source, anchors: &anchors, refinement, planning };
+        let request = Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning };
 
         let rows = random.below(30) as usize;
         let mut empty = Generator::new(model.clone(), &mut []).expect("default floating point");

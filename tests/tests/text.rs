@@ -164,7 +164,7 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
             _ => Sampling::Gumbel { temperature: 0.8 },
         };
         let anchors = if seed % 2 == 0 { all.as_slice() } else { &[] };
-        let request = Request { anchors, ..base().seed(seed).sampling(sampling).fixed(&fixed).steps(5) };
+        let request = base().seed(seed).sampling(sampling).fixed(&fixed).steps(5).anchors(anchors);
         let got = with(&tiny, |generator| trace(generator, &request));
 
         let limits = Limits { words: 6, steps: 5, guided: true, anchors: true };

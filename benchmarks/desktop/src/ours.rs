@@ -145,7 +145,7 @@ impl<'m> Whole<'m> {
         let frames = u16::try_from(model.max_tokens() * model.frames_per_token())?;
         let mut empty = Generator::new(model, &mut [])?;
         empty.set_rows(MOST_ROWS);
-        let bytes = empty.plan(&request(&anchors, frames)?)?.arena_bytes;
+        let bytes = empty.plan(&request(&anchors, frames))?.arena_bytes;
         let mut generator = Generator::new(blob.model()?, memory(bytes))?;
         generator.set_rows(MOST_ROWS);
         Ok(Self { generator, anchors, frames })
@@ -156,13 +156,13 @@ impl<'m> Whole<'m> {
     /// # Errors
     /// When the model refuses the request.
     pub fn generate(&mut self) -> Result<Report> {
-        let motion = self.generator.generate(&request(&self.anchors, self.frames)?, &mut ())?;
+        let motion = self.generator.generate(&request(&self.anchors, self.frames), &mut ())?;
         motion.refinement.context("the request was not refined")
     }
 }
 
-fn request(anchors: &Anchors, frames: u16) -> Result<Request<'_>> {
+fn request(anchors: &Anchors, frames: u16) -> Request<'_> {
     // The whole budget is spent, however near the anchors are.
     let refinement = Config { stop_error: 0.0, ..Config::fast(EVALUATIONS) };
-    Ok(Request::text(PROMPT).frames(frames).seed(7).through(anchors.as_slice()?).refined(refinement))
+    Request::text(PROMPT).frames(frames).seed(7).through(anchors).refined(refinement)
 }

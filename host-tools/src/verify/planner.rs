@@ -119,8 +119,7 @@ pub fn verify(
     let tokens = |case: &Case, settings: &Settings| -> Result<Vec<u16>, Error> {
         let request = Request::text(&case.prompt).length(Length::Tokens(case.tokens.len() as u16)).seed(settings.seed);
         // Seen by the planner, and nothing else: tokens are compared.
-        let request = Request { anchors: &case.runtime_anchors(), refinement: None, ..request };
-        Ok(super::run(blob, &case.id, &request)?.tokens)
+        Ok(super::run(blob, &case.id, &request.anchors(&case.runtime_anchors()))?.tokens)
     };
     let free_running = free_running(cases, &exact, planning.guidance, &settings, tokens, &progress)?;
     let met = runtime.top1 >= AGREEMENT_BUDGET;

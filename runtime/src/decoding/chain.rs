@@ -130,7 +130,12 @@ impl<'a> Decoder<'a> {
             sizes.tails_q += layer.kept(way) * inputs;
             sizes.tails_scales += layer.kept(way);
             sizes.tails_rows += layer.skipped(way) * inputs;
-            sizes.sequence = sizes.sequence.max(outputs * inputs.max(width));
+            let results = match (layer, way) {
+                // The last one back is as wide as a code.
+                (Layer::Convolution(conv), Way::Back) => conv.inputs(),
+                _ => width,
+            };
+            sizes.sequence = sizes.sequence.max(outputs * inputs.max(results));
             sizes.q = sizes.q.max((layer.kept(way) + rows) * inputs);
             sizes.scales = sizes.scales.max(layer.kept(way) + rows);
         }

@@ -1,6 +1,5 @@
 //! The buffers of a request, declared once: a plan measures them, a run takes them.
 
-use crate::JOINTS;
 use crate::decoding::decoder::Workspace;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
@@ -12,8 +11,7 @@ use crate::refining;
 
 /// Feature channels that the solver may have to decode for so many anchors.
 const fn solver_channels(anchors: usize) -> usize {
-    let joints = if anchors < JOINTS - 1 { anchors } else { JOINTS - 1 };
-    ROOT_CHANNELS + 3 * joints
+    ROOT_CHANNELS + 3 * refining::most_joints(anchors)
 }
 
 /// Numbers of a frame in the buffer for features and their gradient.

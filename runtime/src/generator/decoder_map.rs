@@ -5,8 +5,7 @@ use crate::decoding::decoder::Workspace;
 use crate::model::Model;
 use crate::motion::humanml3d::{Features, Path};
 use crate::nn::output::Channels;
-use crate::perception::anchors::AnchorSet;
-use crate::refining::MotionMap;
+use crate::refining::{ControlError, MotionMap, TokenGrid};
 use crate::stop::Stop;
 use core::ops::ControlFlow;
 
@@ -14,7 +13,7 @@ use core::ops::ControlFlow;
 pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
     /// The model.
     pub model: &'s Model<'m>,
-    /// Feature channels that the anchored joints depend on.
+    /// Feature channels that the objective's joints depend on.
     pub channels: &'s Channels,
     /// Normalised features `[T][C]`.
     pub values: &'s mut [f32],
@@ -26,10 +25,8 @@ pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
     pub work: &'s mut Workspace<'w>,
     /// Asked at layer boundaries.
     pub watch: Watch<'o>,
-    /// The anchors, to report how far each evaluation is from them.
-    pub anchors: &'s AnchorSet,
-    /// Frames of the motion.
-    pub frames: usize,
+    /// Tokens of the motion.
+    pub tokens: usize,
     /// False when the last point lay where the model guarantees nothing; its positions are infinite then.
     pub in_range: bool,
 }
@@ -37,17 +34,6 @@ pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
 impl DecoderMap<'_, '_, '_, '_> {
     fn features(&self) -> Features<'_> {
         Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() }
-    }
-
-    /// Mean distance from the anchors, metres.
-    fn control_error(&self) -> f32 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for anchor in self.anchors.iter() {
-            let [x, y, z] = anchor.residual(self.position(anchor.joint, usize::from(anchor.frame)));
-            sum += libm::sqrtf(x * x + y * y + z * z);
-            count += 1.0;
-        }
-        if count > 0.0 { sum / count } else { 0.0 }
     }
 }
 
@@ -60,12 +46,8 @@ const fn stopped(flow: ControlFlow<Stop>) -> Result<(), Stop> {
 }
 
 impl MotionMap for DecoderMap<'_, '_, '_, '_> {
-    fn frames(&self) -> usize {
-        self.frames
-    }
-
-    fn tokens(&self) -> usize {
-        self.frames / self.model.frames_per_token().max(1)
+    fn grid(&self) -> TokenGrid {
+        TokenGrid { tokens: self.tokens, frames_per_token: self.model.frames_per_token() }
     }
 
     fn width(&self) -> usize {
@@ -86,8 +68,11 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         let features =
             Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
         features.integrate(self.path);
-        let error = self.control_error();
-        stopped(self.watch.report(Some(error)))
+        Ok(())
+    }
+
+    fn measured(&mut self, error: &ControlError) -> Result<(), Stop> {
+        stopped(self.watch.report(Some(error.mean)))
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {

@@ -21,12 +21,12 @@ use crate::log;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
 use crate::motion::humanml3d::{self, Features, Path, channels};
-use crate::perception::anchors::{Anchor, AnchorSet, Target};
+use crate::perception::anchors::AnchorSet;
 use crate::perception::prompt::Heard;
 use crate::plan::{Limits, Plan, ROWS, StreamLimits};
 use crate::planning::session::Modules;
 use crate::planning::{self, PlanningError};
-use crate::refining::{self, SolverError};
+use crate::refining::{self, Objective, SolverError};
 use buffers::{Decoding, rotation_columns};
 use decoder_map::DecoderMap;
 use environment::floating_point_is_default;
@@ -130,6 +130,13 @@ impl<'a> Motion<'a> {
     }
 }
 
+/// A request that was checked against the model.
+struct Checked {
+    limits: Limits,
+    /// What it asks of the motion, planned with or not.
+    anchors: AnchorSet,
+}
+
 /// Makes motions of one model in one arena.
 #[derive(Debug)]
 pub struct Generator<'a> {
@@ -163,13 +170,27 @@ impl<'a> Generator<'a> {
     /// What this request will need of the arena.
     ///
     /// # Errors
-    /// [`Error::Tokens`] when its length is not allowed, [`Error::Prompt`] or [`Error::Planning`] of a text.
+    /// [`Error::Tokens`] when its length is not allowed, [`Error::Prompt`] or [`Error::Planning`] of a text, [`Error::Anchors`].
     pub fn plan(&self, request: &Request<'_>) -> Result<Plan, Error> {
-        Ok(Plan::for_request(&self.model, &self.limits(request)?)?)
+        Ok(Plan::for_request(&self.model, &self.check(request)?.limits)?)
     }
 
+    /// Checks all of a request that can be checked before it runs.
+    fn check(&self, request: &Request<'_>) -> Result<Checked, Error> {
+        let mut limits = self.limits(request)?;
+        let frames = limits.tokens * self.model.frames_per_token();
+        let anchors = AnchorSet::of(request.anchors, self.model.frame_rate(), frames)?;
+        if request.refinement.is_some() {
+            limits.anchors = anchors.len();
+        }
+        if let Some(planning) = &mut limits.planning {
+            planning.anchors = request.planning.conditioned && self.seen(&anchors);
+        }
+        Ok(Checked { limits, anchors })
+    }
+
+    /// What the request takes without its anchors.
     fn limits(&self, request: &Request<'_>) -> Result<Limits, Error> {
-        let refined = if request.refinement.is_some() { request.anchors.len() } else { 0 };
         let refinement = request.refinement.unwrap_or_default();
         let limit = self.model.max_tokens();
         let (numbers, each) = match request.source {
@@ -180,22 +201,21 @@ impl<'a> Generator<'a> {
                 let words = text.rows(&prompt)?;
                 let plan = &request.planning;
                 let tokens = plan.check(limit, planner.codes(), self.model.frames_per_token())?;
-                let anchors = plan.conditioned && self.seen(request.anchors);
-                let planning = planning::Limits { words, steps: plan.steps, guided: plan.guided(), anchors };
-                return Ok(Limits { tokens, anchors: refined, refinement, planning: Some(planning), rows: self.rows });
+                let planning = planning::Limits { words, steps: plan.steps, guided: plan.guided(), anchors: false };
+                return Ok(Limits { tokens, anchors: 0, refinement, planning: Some(planning), rows: self.rows });
             }
         };
         let tokens = numbers / each.max(1);
         if tokens == 0 || tokens > limit || !numbers.is_multiple_of(each.max(1)) {
             return Err(Error::Tokens { found: if tokens > limit { tokens } else { numbers }, limit });
         }
-        Ok(Limits { tokens, anchors: refined, refinement, planning: None, rows: self.rows })
+        Ok(Limits { tokens, anchors: 0, refinement, planning: None, rows: self.rows })
     }
 
     /// Whether the planner would see any of `anchors`.
-    fn seen(&self, anchors: &[Anchor]) -> bool {
+    fn seen(&self, anchors: &AnchorSet) -> bool {
         let control = self.model.control();
-        control.is_some_and(|control| anchors.iter().any(|anchor| control.sees(anchor.target.family())))
+        control.is_some_and(|control| anchors.iter().any(|anchor| control.sees(anchor.family)))
     }
 
     /// Makes the motion of `request`. `observer` is asked at every layer boundary.
@@ -211,11 +231,9 @@ impl<'a> Generator<'a> {
     }
 
     fn run(&mut self, request: &Request<'_>, observer: &mut dyn Observer) -> Result<Motion<'_>, Error> {
-        let limits = self.limits(request)?;
+        let Checked { limits, anchors } = self.check(request)?;
         let model = &self.model;
         let decoder = model.decoder();
-        let frames = limits.tokens * model.frames_per_token();
-        let anchors = AnchorSet::new(request.anchors, frames)?;
 
         let mut arena = Arena::new(self.arena);
         // Nothing is planned that could not be decoded.
@@ -266,7 +284,8 @@ impl<'a> Generator<'a> {
             let mut overlay = arena.overlay();
             let scratch = buffers::solver(model, &limits, &mut overlay).map_err(too_small)?;
             peak = peak.max(overlay.used());
-            let selected = channels(anchored_joints(request.anchors));
+            let objective = Objective::new(&anchors, &config);
+            let selected = channels(objective.joints());
             let (values, gradient) = features.split_at_mut_checked(frames * selected.count()).unwrap_or_default();
             let mut map = DecoderMap {
                 model,
@@ -274,13 +293,12 @@ impl<'a> Generator<'a> {
                 values,
                 gradient,
                 path: &mut path,
-                anchors: &anchors,
                 work: &mut work,
                 watch: Watch { observer, stage: Stage::Refining, evaluation: 0, evaluations: config.evaluations },
-                frames,
+                tokens: made.tokens,
                 in_range: true,
             };
-            refinement = match refining::solve(&mut map, u, &anchors, &config, scratch) {
+            refinement = match refining::solve(&mut map, u, &objective, &config, scratch) {
                 Ok(report) => {
                     log::debug!("refined: {}", report);
                     Some(report)
@@ -373,12 +391,4 @@ fn embed<'t>(model: &Model<'_>, source: Source<'_>, tokens: &'t mut [u16], u: &m
     }
     model.codebooks().embed(tokens, u)?;
     Ok(tokens)
-}
-
-/// Bit mask of the joints that anchors control.
-fn anchored_joints(anchors: &[Anchor]) -> u32 {
-    anchors.iter().fold(0, |mask, anchor| match anchor.target {
-        Target::Root(_) | Target::PlanarRoot(_) => mask,
-        Target::Joint { joint, .. } => mask | 1u32.wrapping_shl(u32::from(joint)),
-    })
 }

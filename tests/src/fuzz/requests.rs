@@ -4,8 +4,8 @@
 use motionette::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
 use motionette::{
-    Anchor, Error, Fixed, Generator, Length, Limits, Model, Observer, Plan, Planning, Progress, Prompt, ROWS, Request,
-    Sampling, Schedule, Source, Stop, Target,
+    Anchor, AnchorList, Error, Fixed, Generator, Length, Limits, Model, Observer, Plan, Planning, Progress, Prompt,
+    ROWS, Request, Sampling, Schedule, Source, Stop, Target,
 };
 use std::ops::ControlFlow;
 
@@ -70,7 +70,7 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
     let frames = positions.clamp(1, model.max_tokens()) * model.frames_per_token();
     let anchors: Vec<Anchor> = (0..anchor_count(random)).map(|_| anchor(random, frames)).collect();
     let planning = planning(random, &fixed);
-    let request = Request { source, anchors: &anchors, refinement, planning };
+    let request = Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning };
 
     // Anything from the least request's need on, exactly what this one needs, a byte less, or plenty from an odd address.
     let rows = random.below(30) as usize;

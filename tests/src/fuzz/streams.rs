@@ -3,8 +3,8 @@
 
 use motionette::hash::Stream;
 use motionette::{
-    Error, Fixed, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, Stop, StreamLimits, StreamPlan,
-    planning,
+    AnchorList, Error, Fixed, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, Stop, StreamLimits,
+    StreamPlan, planning,
 };
 use std::ops::ControlFlow;
 
@@ -112,7 +112,7 @@ fn operation(
             };
             let anchors = if random.below(8) == 0 { &anchors[..] } else { &[] };
             let planning = requests::planning(random, &fixed);
-            let request = Request { source, anchors, refinement: None, planning };
+            let request = Request { source, anchors: AnchorList::Frames(anchors), refinement: None, planning };
             let last = random.below(16) == 0;
             let planned =
                 if last { stream.plan_last(&request, &mut stopper) } else { stream.plan(&request, &mut stopper) };

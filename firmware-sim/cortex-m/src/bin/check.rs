@@ -12,8 +12,8 @@ use core::{hint::black_box, panic::PanicInfo};
 use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::ROWS;
-use motionette::{Stop, 
-    Anchor, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
+use motionette::{
+    Anchor, AnchorList, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request, Stop,
     Sampling, Source, StreamLimits, StreamPlan, planning, refining::Config,
 };
 #[cfg(feature = "playback")]
@@ -64,11 +64,13 @@ fn serve(
         Sampling::Sample { temperature: 1.0, top_k: 5, top_p: 0.9 },
         Sampling::Gumbel { temperature: 1.0 },
     ];
+    // By frame or by time: the optimiser cannot know.
+    let list = black_box(AnchorList::Frames(anchors));
     let mut hash = 0;
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
-        let request = Request { source, anchors, refinement: black_box(Some(refinement)), planning };
+        let request = Request { source, anchors: list, refinement: black_box(Some(refinement)), planning };
         black_box(generator.plan(&request).map_err(Refused::Request)?);
         let motion = generator.generate(&request, &mut Watch(ControlFlow::Continue(()))).map_err(Refused::Request)?;
         black_box((motion.frames(), motion.tokens(), motion.words(), motion.unknown_words()));
@@ -82,7 +84,7 @@ fn serve(
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
-        let request = black_box(Request { source, anchors, refinement: None, planning });
+        let request = black_box(Request { source, anchors: list, refinement: None, planning });
         hash ^= stream(&mut generator, &limits, &request)?;
     }
     Ok(hash)

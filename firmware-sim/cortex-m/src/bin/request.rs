@@ -62,8 +62,7 @@ fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
     let Ok(model) = model else { exit(1) };
     let mut generator = Generator::new(model, arena)?;
     let anchors = standard::anchors();
-    let Ok(anchors) = anchors.as_slice() else { exit(1) };
-    let request = standard::request().through(anchors);
+    let request = standard::request().through(&anchors);
     let plan = generator.plan(&request)?;
     mark!("2");
     let motion = generator.generate(&request, &mut ())?;
