@@ -5,13 +5,14 @@
 
 use super::anchors::AnchorSet;
 use super::scaffold::{LIMIT, Scaffold, Statistics, WIDTH};
-use crate::blob::{Activation, ControlConfig, Error, Tensors};
+use crate::blob::{ControlConfig, Error, Tensors};
+use crate::nn::activation::{self, Activation};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{self, Scratch, Sizes, below};
 use crate::nn::encoder::Encoder;
 use crate::nn::linear::{LEAST_ROWS, Linear};
 use crate::nn::norm::MAX_INPUT;
-use crate::nn::{Check, Interrupted, activation};
+use crate::nn::{Check, Interrupted};
 
 /// The motions it is for.
 #[derive(Debug, Clone, Copy)]

@@ -6,13 +6,14 @@
 
 use super::condition::Condition;
 use super::transformer::Planner;
-use crate::blob::{Activation, ControlConfig, Error, Tensors};
+use crate::blob::{ControlConfig, Error, Tensors};
+use crate::nn::activation::{self, Activation};
 use crate::nn::attention::{Heads, SegmentMut};
 use crate::nn::block::{Scratch, Sizes, below, heads, project_low_rank};
 use crate::nn::conv1d::larger;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
-use crate::nn::{Check, Interrupted, activation};
+use crate::nn::{Check, Interrupted};
 use crate::perception::Text;
 use crate::perception::anchors::{AnchorSet, Family};
 use crate::perception::scaffold_encoder::{self, ScaffoldEncoder, Timing};
