@@ -202,6 +202,29 @@ fn refused_values_of_the_manifest_are_named() {
     assert!(matches!(short, Err(Error::Number { bits: 0, .. })), "{short:?}");
 }
 
+/// A self-test asks for tokens that the model can decode, at most 64 numbers; a blob without a hash has none.
+#[test]
+fn a_self_test_that_cannot_run_is_refused() {
+    let with = |shape: Shape, tokens: u8, hash: u8| {
+        let tiny = Tiny::new(shape, 3);
+        let mut blob = Editable::new(tiny.bytes());
+        blob.bytes()[place::SELF_TEST..place::SELF_TEST + 3].copy_from_slice(&[1, tokens, hash]);
+        blob.repair();
+        blob.open()
+    };
+    let one = tiny().shape;
+    let three = Shape { quantizers: 3, ..one.clone() };
+    let refused = |found, limit| Err(Error::Config { what: "self_test.tokens", found, limit });
+    assert_eq!(with(one.clone(), 49, 7), Ok(()));
+    assert_eq!(with(one.clone(), 50, 7), refused(50, 49));
+    assert_eq!(with(one.clone(), 0, 7), refused(0, 49));
+    assert_eq!(with(one.clone(), 127, 0), Ok(()));
+    assert_eq!(with(three.clone(), 21, 7), Ok(()));
+    assert_eq!(with(three, 22, 7), refused(22, 21));
+    assert_eq!(with(Shape { max_tokens: 80, ..one.clone() }, 64, 7), Ok(()));
+    assert_eq!(with(Shape { max_tokens: 80, ..one }, 65, 7), refused(65, 64));
+}
+
 /// A blob of a later minor version whose codec came with it, and one whose sections are known.
 #[test]
 fn kinds_that_came_later_are_refused_by_name() {

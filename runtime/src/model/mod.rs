@@ -6,6 +6,7 @@
 mod codec;
 mod generator;
 mod representation;
+mod self_test;
 mod text;
 mod value;
 
@@ -220,7 +221,8 @@ fn check(manifest: &Manifest<'_>) -> Result<(), Error> {
     representation::check(&manifest.representation)?;
     codec::check(&manifest.codec, &manifest.representation)?;
     text::check(manifest.text.as_ref())?;
-    generator::check(&manifest.generator, &manifest.codec, manifest.text.is_some())
+    generator::check(&manifest.generator, &manifest.codec, manifest.text.is_some())?;
+    self_test::check(&manifest.self_test, &manifest.codec, &manifest.generator)
 }
 
 fn refuse_beyond(values: &[f32], limit: f32, index: u16) -> Result<(), Error> {
