@@ -171,6 +171,27 @@ fn kinds_that_came_later_are_named() {
     }
 }
 
+/// The worked example of `FORMAT.md` is the blob that it says it is.
+#[test]
+fn the_worked_example_is_a_blob_of_the_corpus() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(root.join("../runtime/src/blob/FORMAT.md")).expect("the specification");
+    let blob = std::fs::read(root.join("corpus/narrow.blob")).expect("the example's blob");
+    let (_, example) = text.split_once("## Worked example").expect("an example");
+    let lines = example.split("```").nth(1).expect("a block").lines().skip(1);
+    let mut seen = 0;
+    for line in lines {
+        let (offset, rest) = line.trim_start().split_once("  ").expect("an offset");
+        let at: usize = offset.parse().expect("a number");
+        let column = rest.get(..54).expect("a column of bytes");
+        let bytes: Vec<u8> =
+            column.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).expect("a byte")).collect();
+        assert!(!bytes.is_empty() && blob[at..].starts_with(&bytes), "{line}");
+        seen += bytes.len();
+    }
+    assert_eq!(seen, 380 - 20 * 12, "every byte of the manifest up to the first entry, but for 20 joints");
+}
+
 #[test]
 fn lists_beyond_their_limit_are_named() {
     let written = Written::new();
