@@ -512,7 +512,7 @@ impl Tiny {
         let stages = (0..shape.stages).flat_map(|_| stage());
         let manifest = Manifest {
             card: Card { name: "tiny", licence: "MIT OR Apache-2.0", data: "random numbers", checkpoint: "" },
-            representation: Representation::HumanMl3d(HumanMl3d { frame_rate: 20, skeleton: Skeleton(&skeleton) }),
+            representation: Representation::HumanMl3d(HumanMl3d { frame_rate: 20, skeleton: Skeleton::new(&skeleton) }),
             codec: Codec::Vq(DecoderConfig {
                 width,
                 code_width: shape.code_width,

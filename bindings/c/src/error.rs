@@ -243,7 +243,7 @@ impl From<blob::Error> for mtn_result {
             }
             E::Manifest => mtn_error::BlobManifest.into(),
             E::Unknown { found, known, .. } => {
-                mtn_result { found, limit: known.saturating_sub(1), ..mtn_error::BlobUnknown.into() }
+                numbers(mtn_error::BlobUnknown, usize::from(found), usize::from(known.saturating_sub(1)))
             }
             E::NotLinked { .. } => mtn_error::BlobNotLinked.into(),
             E::Config { found, limit, .. } => mtn_result { found, limit, ..mtn_error::BlobConfig.into() },

@@ -150,7 +150,7 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
         },
         representation: Representation::HumanMl3d(HumanMl3d {
             frame_rate: facts.frame_rate,
-            skeleton: Skeleton(&facts.skeleton),
+            skeleton: Skeleton::new(&facts.skeleton),
         }),
         codec: Codec::Vq(facts.decoder.clone()),
         text: facts.text.as_ref().map(|t| TextConfig {

@@ -24,7 +24,7 @@ pub enum DType {
 
 impl DType {
     /// Number formats there are.
-    pub(super) const COUNT: u32 = 5;
+    pub(super) const COUNT: u8 = 5;
 
     /// Bits of one element.
     #[must_use]

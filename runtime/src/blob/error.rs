@@ -1,6 +1,6 @@
 //! Why a blob was refused.
 
-use super::{ALIGNMENT, MAGIC, MAJOR};
+use super::{ALIGNMENT, MAGIC, MAJOR, MINOR};
 
 /// Why a blob was refused. Numbers say what was found and what was expected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,13 +48,11 @@ pub enum Error {
         /// The section.
         section: &'static str,
         /// Its kind.
-        found: u32,
+        found: u8,
         /// Kinds this reader knows, from 0 on.
-        known: u32,
+        known: u8,
         /// Minor format version of the blob.
         minor: u16,
-        /// Newest minor format version of this reader.
-        supported: u16,
     },
     /// The blob needs a family that was left out of this firmware: build it with the cargo feature.
     NotLinked {
@@ -136,9 +134,9 @@ impl core::fmt::Display for Error {
                 write!(f, "CRC-32 of the bytes is {computed:08x}, the header says {stored:08x}: the blob is damaged")
             }
             Error::Manifest => write!(f, "the manifest cannot be read"),
-            Error::Unknown { section, found, known, minor, supported } => write!(
+            Error::Unknown { section, found, known, minor } => write!(
                 f,
-                "manifest: {section} is of kind {found}, this reader of format {MAJOR}.{supported} knows kinds below {known}: \
+                "manifest: {section} is of kind {found}, this reader of format {MAJOR}.{MINOR} knows kinds below {known}: \
                  the blob needs firmware that reads format {MAJOR}.{minor}"
             ),
             Error::NotLinked { feature } => {

@@ -69,8 +69,9 @@ impl<'a> Tensors<'a> {
     #[cold]
     fn unreadable(&self) -> Error {
         let mut entry = Reader::new(self.table, self.minor);
-        let format = entry.text().and_then(|_| entry.kind("tensor format", DType::COUNT));
-        format.err().unwrap_or(Error::Manifest)
+        entry.text();
+        entry.kind("tensor format", DType::COUNT);
+        entry.finish().err().unwrap_or(Error::Manifest)
     }
 
     /// The number format of the next tensor, if there is one.

@@ -164,7 +164,7 @@ fn manifest<'a>(old: &v3::Manifest<'a>, skeleton: &'a [u8; blob::SKELETON_BYTES]
         card: Card { name, licence, data, checkpoint },
         representation: Representation::HumanMl3d(HumanMl3d {
             frame_rate: old.frame_rate,
-            skeleton: Skeleton(skeleton),
+            skeleton: Skeleton::new(skeleton),
         }),
         codec: Codec::Vq(decoder(&old.decoder)?),
         text: old.text.as_ref().map(text).transpose()?,

@@ -1,7 +1,6 @@
 //! Motion tokens to frames.
 
 use super::Reader;
-use crate::blob::Error;
 use crate::nn::conv1d::Padding;
 use heapless::Vec;
 use serde::Serialize;
@@ -42,9 +41,9 @@ pub struct DecoderConfig {
 }
 
 impl Codec {
-    pub(super) fn read(from: &mut Reader<'_>) -> Result<Self, Error> {
-        from.kind("codec", 1)?;
-        DecoderConfig::read(from).map(Codec::Vq)
+    pub(super) fn read(from: &mut Reader<'_>) -> Self {
+        from.kind("codec", 1);
+        Codec::Vq(DecoderConfig::read(from))
     }
 
     /// Frames a token.
@@ -63,19 +62,17 @@ impl Codec {
 }
 
 impl DecoderConfig {
-    #[inline(never)]
-    fn read(from: &mut Reader<'_>) -> Result<Self, Error> {
-        let (width, code_width, codes) = (from.short()?, from.short()?, from.short()?);
-        let (quantizers, stages) = (from.byte()?, from.byte()?);
-        let (mut dilations, mut padding) = (Vec::new(), Vec::new());
-        for _ in 0..from.length("codec.dilations", MAX_BLOCKS)? {
-            dilations.push(from.byte()?).map_err(|_| Error::Manifest)?;
-        }
-        for _ in 0..from.length("codec.padding", MAX_CONVOLUTIONS)? {
-            let both = Padding { left: from.short()?, right: from.short()? };
-            padding.push(both).map_err(|_| Error::Manifest)?;
-        }
-        Ok(DecoderConfig { width, code_width, codes, quantizers, stages, dilations, padding, features: from.short()? })
+    fn read(from: &mut Reader<'_>) -> Self {
+        let (width, code_width, codes) = (from.short(), from.short(), from.short());
+        let (quantizers, stages) = (from.byte(), from.byte());
+        let count = from.length("codec.dilations", MAX_BLOCKS as u16);
+        let mut dilations = Vec::new();
+        while dilations.len() < usize::from(count) && dilations.push(from.byte()).is_ok() {}
+        let count = from.length("codec.padding", MAX_CONVOLUTIONS as u16);
+        let mut padding = Vec::new();
+        let mut next = || Padding { left: from.short(), right: from.short() };
+        while padding.len() < usize::from(count) && padding.push(next()).is_ok() {}
+        DecoderConfig { width, code_width, codes, quantizers, stages, dilations, padding, features: from.short() }
     }
 
     /// Frames a token, `2^stages`.

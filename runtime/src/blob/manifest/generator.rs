@@ -1,7 +1,6 @@
 //! Where motion tokens come from.
 
 use super::Reader;
-use crate::blob::Error;
 use crate::nn::activation::Activation;
 use crate::nn::block::{Norm, TransformerConfig};
 use serde::Serialize;
@@ -58,10 +57,10 @@ pub struct ControlConfig {
 }
 
 impl Generator {
-    pub(super) fn read(from: &mut Reader<'_>) -> Result<Self, Error> {
-        match from.kind("generator", 2)? {
-            0 => Ok(Generator::Given { max_tokens: from.short()? }),
-            _ => PlannerConfig::read(from).map(Generator::Tmd),
+    pub(super) fn read(from: &mut Reader<'_>) -> Self {
+        match from.kind("generator", 2) {
+            0 => Generator::Given { max_tokens: from.short() },
+            _ => Generator::Tmd(PlannerConfig::read(from)),
         }
     }
 
@@ -94,57 +93,56 @@ impl Generator {
 }
 
 impl PlannerConfig {
-    #[inline(never)]
-    fn read(from: &mut Reader<'_>) -> Result<Self, Error> {
-        Ok(PlannerConfig {
-            max_tokens: from.short()?,
-            transformer: transformer(from)?,
-            c: from.take()?,
-            a: from.take()?,
-            guidance: Guidance::read(from)?,
-            control: ControlConfig::read(from)?,
-        })
+    fn read(from: &mut Reader<'_>) -> Self {
+        PlannerConfig {
+            max_tokens: from.short(),
+            transformer: transformer(from),
+            c: from.single(),
+            a: from.single(),
+            guidance: Guidance::read(from),
+            control: ControlConfig::read(from),
+        }
     }
 }
 
 impl Guidance {
-    fn read(from: &mut Reader<'_>) -> Result<Self, Error> {
-        from.kind("generator.guidance", 1)?;
-        Ok(Guidance::TwoPass)
+    fn read(from: &mut Reader<'_>) -> Self {
+        from.kind("generator.guidance", 1);
+        Guidance::TwoPass
     }
 }
 
 impl ControlConfig {
-    fn read(from: &mut Reader<'_>) -> Result<Option<Self>, Error> {
-        if from.kind("generator.control", 2)? == 0 {
-            return Ok(None);
+    fn read(from: &mut Reader<'_>) -> Option<Self> {
+        if from.kind("generator.control", 2) == 0 {
+            return None;
         }
-        Ok(Some(ControlConfig {
-            scaffold: transformer(from)?,
-            frame_width: from.short()?,
-            rank: from.short()?,
-            context: from.take()?,
-            families: from.byte()?,
-        }))
+        Some(ControlConfig {
+            scaffold: transformer(from),
+            frame_width: from.short(),
+            rank: from.short(),
+            context: from.take(),
+            families: from.byte(),
+        })
     }
 }
 
 /// Shape of a stack of transformer blocks.
 #[inline(never)]
-pub(super) fn transformer(from: &mut Reader<'_>) -> Result<TransformerConfig, Error> {
-    Ok(TransformerConfig {
-        width: from.short()?,
-        heads: from.byte()?,
-        layers: from.byte()?,
-        hidden: from.short()?,
-        norm: match from.kind("transformer.norm", 2)? {
+pub(super) fn transformer(from: &mut Reader<'_>) -> TransformerConfig {
+    TransformerConfig {
+        width: from.short(),
+        heads: from.byte(),
+        layers: from.byte(),
+        hidden: from.short(),
+        norm: match from.kind("transformer.norm", 2) {
             0 => Norm::Pre,
             _ => Norm::Post,
         },
-        activation: match from.kind("transformer.activation", 2)? {
+        activation: match from.kind("transformer.activation", 2) {
             0 => Activation::Relu,
             _ => Activation::Gelu,
         },
-        epsilon: from.take()?,
-    })
+        epsilon: from.single(),
+    }
 }

@@ -78,16 +78,16 @@ impl<'a> Manifest<'a> {
     pub fn read(bytes: &'a [u8], minor: u16) -> Result<(Self, &'a [u8]), Error> {
         let mut reader = Reader::new(bytes, minor);
         let from = &mut reader;
-        let card = Card { name: from.text()?, licence: from.text()?, data: from.text()?, checkpoint: from.text()? };
         let manifest = Manifest {
-            card,
-            representation: Representation::read(from)?,
-            codec: Codec::read(from)?,
-            text: TextConfig::read(from)?,
-            generator: Generator::read(from)?,
-            self_test: SelfTest { seed: from.take()?, tokens: from.short()?, hash: from.take()? },
-            tensor_count: from.short()?,
+            card: Card { name: from.text(), licence: from.text(), data: from.text(), checkpoint: from.text() },
+            representation: Representation::read(from),
+            codec: Codec::read(from),
+            text: TextConfig::read(from),
+            generator: Generator::read(from),
+            self_test: SelfTest { seed: from.take(), tokens: from.short(), hash: from.take() },
+            tensor_count: from.short(),
         };
-        Ok((manifest, reader.rest()))
+        let table = reader.finish()?;
+        Ok((manifest, table))
     }
 }

@@ -2,7 +2,6 @@
 
 use super::Reader;
 use crate::JOINTS;
-use crate::blob::Error;
 use serde::ser::SerializeTuple;
 use serde::{Serialize, Serializer};
 
@@ -30,15 +29,15 @@ pub struct HumanMl3d<'a> {
 ///
 /// `[22][3]` singles as little-endian bytes, read in place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Skeleton<'a>(
-    /// The offsets.
-    pub &'a [u8; SKELETON_BYTES],
-);
+pub struct Skeleton<'a> {
+    bytes: &'a [u8],
+}
 
 impl<'a> Representation<'a> {
-    pub(super) fn read(from: &mut Reader<'a>) -> Result<Self, Error> {
-        from.kind("representation", 1)?;
-        Ok(Representation::HumanMl3d(HumanMl3d { frame_rate: from.short()?, skeleton: Skeleton(from.bytes()?) }))
+    pub(super) fn read(from: &mut Reader<'a>) -> Self {
+        from.kind("representation", 1);
+        let (frame_rate, bytes) = (from.short(), from.bytes(SKELETON_BYTES));
+        Representation::HumanMl3d(HumanMl3d { frame_rate, skeleton: Skeleton { bytes } })
     }
 
     /// Frames a second.
@@ -57,9 +56,15 @@ impl<'a> Representation<'a> {
 }
 
 impl<'a> Skeleton<'a> {
+    /// The skeleton of these offsets.
+    #[must_use]
+    pub const fn new(bytes: &'a [u8; SKELETON_BYTES]) -> Self {
+        Skeleton { bytes }
+    }
+
     /// Offset of each joint from its parent `[22]`, metres.
     pub fn offsets(&self) -> impl ExactSizeIterator<Item = [f32; 3]> + use<'a> {
-        let (joints, _) = self.0.as_chunks::<12>();
+        let (joints, _) = self.bytes.as_chunks::<12>();
         joints.iter().map(|joint| {
             let (axes, _) = joint.as_chunks::<4>();
             core::array::from_fn(|axis| axes.get(axis).map_or(0.0, |&bytes| f32::from_le_bytes(bytes)))
@@ -71,7 +76,7 @@ impl<'a> Skeleton<'a> {
 impl Serialize for Skeleton<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut tuple = serializer.serialize_tuple(SKELETON_BYTES)?;
-        for byte in self.0 {
+        for byte in self.bytes {
             tuple.serialize_element(byte)?;
         }
         tuple.end()

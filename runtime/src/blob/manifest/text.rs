@@ -1,7 +1,6 @@
 //! What the blob knows of text.
 
 use super::{Reader, generator::transformer};
-use crate::blob::Error;
 use crate::nn::block::TransformerConfig;
 use serde::Serialize;
 
@@ -57,47 +56,47 @@ pub enum PhraseBank<'a> {
 }
 
 impl<'a> TextConfig<'a> {
-    pub(super) fn read(from: &mut Reader<'a>) -> Result<Option<Self>, Error> {
-        if from.kind("text", 2)? == 0 {
-            return Ok(None);
+    pub(super) fn read(from: &mut Reader<'a>) -> Option<Self> {
+        if from.kind("text", 2) == 0 {
+            return None;
         }
-        Ok(Some(TextConfig {
-            width: from.short()?,
-            max_words: from.short()?,
-            encoder: TextEncoderConfig::read(from)?,
-            length: TextLength::read(from)?,
-            bank: PhraseBank::read(from)?,
-        }))
+        Some(TextConfig {
+            width: from.short(),
+            max_words: from.short(),
+            encoder: TextEncoderConfig::read(from),
+            length: TextLength::read(from),
+            bank: PhraseBank::read(from),
+        })
     }
 }
 
 impl<'a> TextEncoderConfig<'a> {
-    fn read(from: &mut Reader<'a>) -> Result<Option<Self>, Error> {
-        if from.kind("text.encoder", 2)? == 0 {
-            return Ok(None);
+    fn read(from: &mut Reader<'a>) -> Option<Self> {
+        if from.kind("text.encoder", 2) == 0 {
+            return None;
         }
-        Ok(Some(TextEncoderConfig { table: TextTable::read(from)?, transformer: transformer(from)? }))
+        Some(TextEncoderConfig { table: TextTable::read(from), transformer: transformer(from) })
     }
 }
 
 impl<'a> TextTable<'a> {
-    fn read(from: &mut Reader<'a>) -> Result<Self, Error> {
-        from.kind("text.encoder.table", 1)?;
-        from.text().map(TextTable::Words)
+    fn read(from: &mut Reader<'a>) -> Self {
+        from.kind("text.encoder.table", 1);
+        TextTable::Words(from.text())
     }
 }
 
 impl TextLength {
-    fn read(from: &mut Reader<'_>) -> Result<Self, Error> {
-        from.kind("text.length", 1)?;
-        Ok(TextLength::Head)
+    fn read(from: &mut Reader<'_>) -> Self {
+        from.kind("text.length", 1);
+        TextLength::Head
     }
 }
 
 impl<'a> PhraseBank<'a> {
-    fn read(from: &mut Reader<'a>) -> Result<Self, Error> {
-        from.kind("text.bank", 1)?;
-        from.text().map(PhraseBank::Prompts)
+    fn read(from: &mut Reader<'a>) -> Self {
+        from.kind("text.bank", 1);
+        PhraseBank::Prompts(from.text())
     }
 
     /// Names of the stored prompts, `\n` between; empty for none.
