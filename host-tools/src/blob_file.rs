@@ -111,8 +111,7 @@ impl BlobFile {
             let text = bytes.get(HEADER_LEN..manifest_end).ok_or(blob::Error::Header)?;
             let weights =
                 bytes.get(header.weights_offset as usize..header.total_len as usize).ok_or(blob::Error::Header)?;
-            let (manifest, table) =
-                postcard::take_from_bytes::<Manifest<'_>>(text).map_err(|_| blob::Error::Manifest)?;
+            let (manifest, table) = Manifest::read(text, header.minor)?;
             let tensors = Tensors::new(table, weights, manifest.tensor_count);
             Ok((header, manifest, tensors))
         };
@@ -125,7 +124,7 @@ impl BlobFile {
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn unconditioned_because(&self) -> Result<String, Error> {
-        let Some(control) = self.parts()?.1.control else {
+        let Some(&control) = self.parts()?.1.generator.control() else {
             return Ok("the blob has no anchor control; convert it with --control".to_owned());
         };
         let unseen = Family::ALL.iter().filter(|family| control.families & family.bit() == 0);
@@ -235,7 +234,7 @@ fn put_back(layers: &[QuantisedConv1d], parts: Vec<PartMut<'_>>) {
 
 /// Convolutions of a decoder.
 fn convolutions(manifest: &Manifest<'_>) -> usize {
-    let d = &manifest.decoder;
+    let d = manifest.codec.decoder();
     3 + usize::from(d.stages) * (2 * d.dilations.len() + 1)
 }
 

@@ -298,7 +298,7 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
 /// Multiply-accumulates of a forward pass by stage of the decoder ("decoder.model.2", ...).
 fn stages(blob: &BlobFile, tokens: usize) -> Result<Vec<Share>, Error> {
     let (_, manifest, _) = blob.parts()?;
-    let d = &manifest.decoder;
+    let d = manifest.codec.decoder();
     let rows = rows_of_layers(tokens, usize::from(d.stages), d.dilations.len());
     let mut shares: Vec<Share> = Vec::new();
     for (layer, rows) in blob.layers()?.iter().zip(rows) {

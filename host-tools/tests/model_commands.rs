@@ -187,7 +187,7 @@ fn bad_input_is_named() {
     bench.fails("convert rvq.tar -o opt.txt/x.blob", &["opt.txt"], "opt.txt/x.blob");
     bench.fails("inspect cut.blob", &["cut.blob", "cut short"], "nothing");
     bench.fails("inspect flipped.blob", &["flipped.blob", "CRC-32"], "nothing");
-    bench.fails("plan future.blob", &["version 9", "understands 3"], "nothing");
+    bench.fails("plan future.blob", &["version 9", "understands 4", "newer firmware"], "nothing");
     bench.fails("plan rvq.tar --model-rs x.rs", &["rvq.tar", "no motionette blob"], "x.rs");
     let wrong = "verify a.blob --checkpoint other.safetensors --dataset two.mds";
     bench.fails(wrong, &["different models", "36", "20"], "nothing");

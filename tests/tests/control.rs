@@ -462,9 +462,9 @@ fn refused_requests_and_blobs_say_why() {
         BlobError::Config { what, found, limit } => (what, found, limit),
         other => panic!("{other:?}"),
     };
-    assert_eq!(config(refused(&|c| c.families = 0)), ("control.families", 0, 7));
-    assert_eq!(config(refused(&|c| c.families = 8)), ("control.families", 8, 7));
-    assert_eq!(config(refused(&|c| c.rank = 0)), ("control.rank", 0, 1024));
-    assert_eq!(config(refused(&|c| c.frame_width = 1025)), ("control.frame_width", 1025, 1024));
+    assert_eq!(config(refused(&|c| c.families = 0)), ("generator.control.families", 0, 7));
+    assert_eq!(config(refused(&|c| c.families = 8)), ("generator.control.families", 8, 7));
+    assert_eq!(config(refused(&|c| c.rank = 0)), ("generator.control.rank", 0, 1024));
+    assert_eq!(config(refused(&|c| c.frame_width = 1025)), ("generator.control.frame_width", 1025, 1024));
     assert_eq!(config(refused(&|c| c.scaffold.heads = 4)), ("transformer.heads that do not divide the width", 4, 6));
 }

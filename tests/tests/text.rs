@@ -585,17 +585,17 @@ fn bad_configurations_are_refused_by_name() {
     assert_eq!(config(refused(&|p| p.text.layers = 33, same)), ("transformer.layers", 33, 32));
     assert_eq!(config(refused(&|p| p.max_words = 257, same)), ("text.max_words", 257, 256));
     let words = config(refused(&|p| p.words = vec!["a", "b", "c"], same));
-    assert_eq!(words.0, "text.vocabulary without <none> and <unknown>");
+    assert_eq!(words.0, "text.encoder.table without <none> and <unknown>");
     let words = config(refused(&|p| p.words = vec![], same));
     assert_eq!(words.0, "text.bank without <none>");
     let rows = config(refused(&|p| p.bank = vec![("wave", 8)], same));
     assert_eq!(rows, ("rows of a stored prompt", 9, 8));
     let quantizers = config(refused(&|_| (), &|s| s.quantizers = 2));
-    assert_eq!(quantizers, ("decoder.quantizers with a planner", 2, 1));
+    assert_eq!(quantizers, ("codec.quantizers with a planner", 2, 1));
     let tokens = config(refused(&|_| (), &|s| s.max_tokens = 256));
-    assert_eq!(tokens, ("max_tokens with a planner", 256, 255));
-    assert_eq!(number(refused(&|p| p.c = -1.0, same)), ("planner.sampler.c", -1.0));
-    assert_eq!(number(refused(&|p| p.a = 4.5, same)), ("planner.sampler.a", 4.5));
+    assert_eq!(tokens, ("generator.max_tokens with a planner", 256, 255));
+    assert_eq!(number(refused(&|p| p.c = -1.0, same)), ("generator.c", -1.0));
+    assert_eq!(number(refused(&|p| p.a = 4.5, same)), ("generator.a", 4.5));
     assert_eq!(number(refused(&|p| p.text.epsilon = 0.0, same)), ("transformer.epsilon", 0.0));
     assert!(number(refused(&|p| p.planner.epsilon = f32::NAN, same)).1.is_nan());
 }

@@ -1,9 +1,10 @@
 //! Writes the blob: header, manifest, tensors (`runtime/src/blob/FORMAT.md`).
 
 use motionette::blob::{
-    ALIGNMENT, Activation, Card, ControlConfig, DType, DecoderConfig, HEADER_LEN, Header, MAJOR, MAX_BLOCKS,
-    MAX_STAGES, MINOR, Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry, TextConfig,
-    TransformerConfig,
+    ALIGNMENT, Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator as GeneratorConfig, Guidance,
+    HEADER_LEN, Header, HumanMl3d, MAJOR, MAX_BLOCKS, MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig,
+    Representation, SKELETON_BYTES, SelfTest, Skeleton, TensorEntry, TextConfig, TextEncoderConfig, TextLength,
+    TextTable, TransformerConfig,
 };
 use motionette::hash::Stream;
 use motionette::{Generator, Limits, Model, Plan, Request};
@@ -13,6 +14,7 @@ use super::prior::{QuantisedPart, QuantisedPrior};
 use super::{CardText, Error, MAX_TOKENS, PriorSource};
 use crate::checkpoint::prior::{self, NormOrder};
 use crate::checkpoint::{ControlCheckpoint, TokenizerCheckpoint};
+use crate::motion::uniform;
 
 /// Seed of the self-test's tokens.
 const SELF_TEST_SEED: u32 = 1;
@@ -60,19 +62,18 @@ struct Tensor {
 struct Facts<'a> {
     card: &'a CardText,
     frame_rate: u16,
-    max_tokens: u16,
+    skeleton: [u8; SKELETON_BYTES],
     decoder: DecoderConfig,
     text: Option<Text>,
-    planner: Option<PlannerConfig>,
-    control: Option<ControlConfig>,
+    generator: GeneratorConfig,
 }
 
 /// [`TextConfig`] with text of its own.
 struct Text {
     width: u16,
     max_words: u16,
-    vocabulary: String,
-    encoder: Option<TransformerConfig>,
+    /// Vocabulary and blocks.
+    encoder: Option<(String, TransformerConfig)>,
     bank: String,
 }
 
@@ -95,14 +96,16 @@ pub fn write(
     let facts = Facts {
         card,
         frame_rate: checkpoint.config.fps.round() as u16,
-        max_tokens: narrow(source.map_or(MAX_TOKENS, |s| s.checkpoint.config.max_tokens), "longest motion")?,
+        skeleton: skeleton_bytes(),
         decoder: decoder_config(checkpoint)?,
         text: source.map(text_config).transpose()?,
-        planner: source.map(planner_config).transpose()?,
-        control: source.and_then(|s| s.control).map(control_config).transpose()?,
+        generator: match source {
+            Some(source) => GeneratorConfig::Tmd(planner_config(source)?),
+            None => GeneratorConfig::Given { max_tokens: narrow(MAX_TOKENS, "longest motion")? },
+        },
     };
     let quantizers = checkpoint.config.quantizers;
-    let tokens = (SELF_TEST_NUMBERS / quantizers).max(1).min(usize::from(facts.max_tokens));
+    let tokens = (SELF_TEST_NUMBERS / quantizers).max(1).min(usize::from(facts.generator.max_tokens()));
     let mut self_test = SelfTest { seed: SELF_TEST_SEED, tokens: tokens as u16, hash: 0 };
     let first = assemble(&tensors, &facts, self_test)?;
     self_test.hash = run_self_test(first.bytes(), &self_test)?;
@@ -146,28 +149,39 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
             data: &facts.card.data,
             checkpoint: &facts.card.checkpoint,
         },
-        representation: Representation::HumanMl3d,
-        frame_rate: facts.frame_rate,
-        max_tokens: facts.max_tokens,
-        decoder: facts.decoder.clone(),
+        representation: Representation::HumanMl3d(HumanMl3d {
+            frame_rate: facts.frame_rate,
+            skeleton: Skeleton::new(&facts.skeleton),
+        }),
+        codec: Codec::Vq(facts.decoder.clone()),
         text: facts.text.as_ref().map(|t| TextConfig {
             width: t.width,
             max_words: t.max_words,
-            vocabulary: &t.vocabulary,
-            encoder: t.encoder,
-            bank: &t.bank,
+            encoder: t.encoder.as_ref().map(|(words, transformer)| TextEncoderConfig {
+                table: TextTable::Words(words),
+                transformer: *transformer,
+            }),
+            length: TextLength::Head,
+            bank: PhraseBank::Prompts(&t.bank),
         }),
-        planner: facts.planner,
-        control: facts.control,
+        generator: facts.generator,
         self_test,
         tensor_count: narrow::<u16>(tensors.len(), "number of tensors")?,
     };
-    let mut text = postcard::to_stdvec(&manifest)?;
-    text.extend(table);
+    file(&manifest, &table, &weights)
+}
+
+/// The bytes of a blob: header, `manifest`, the tensor `table` as it is on the wire, `weights`.
+///
+/// # Errors
+/// [`Error::Manifest`], or [`Error::Limit`] for more than 4 GiB.
+pub(super) fn file(manifest: &Manifest<'_>, table: &[u8], weights: &[u8]) -> Result<AlignedBlob, Error> {
+    let mut text = postcard::to_stdvec(manifest)?;
+    text.extend_from_slice(table);
     let offset = (HEADER_LEN + text.len()).next_multiple_of(ALIGNMENT);
     let mut header = Header {
         major: MAJOR,
-        minor: if tensors.iter().any(|t| t.dtype == DType::I4) { MINOR } else { 0 },
+        minor: 0,
         total_len: narrow(offset + weights.len(), "blob")?,
         manifest_len: narrow(text.len(), "manifest")?,
         weights_offset: narrow(offset, "manifest")?,
@@ -177,10 +191,16 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
     let mut blob = header.emit().to_vec();
     blob.extend(text);
     blob.resize(offset, 0);
-    blob.extend(weights);
+    blob.extend_from_slice(weights);
     header.crc = Header::checksum(&blob);
     blob[..HEADER_LEN].copy_from_slice(&header.emit());
     Ok(AlignedBlob::new(&blob))
+}
+
+/// HumanML3D's body, to which every motion was brought before training, as a manifest holds it.
+pub(super) fn skeleton_bytes() -> [u8; SKELETON_BYTES] {
+    let mut bytes = uniform::rest_offsets().into_iter().flatten().flat_map(|v| (v as f32).to_le_bytes());
+    std::array::from_fn(|_| bytes.next().unwrap_or_default())
 }
 
 fn decoder_config(checkpoint: &TokenizerCheckpoint) -> Result<DecoderConfig, Error> {
@@ -198,29 +218,30 @@ fn decoder_config(checkpoint: &TokenizerCheckpoint) -> Result<DecoderConfig, Err
     if c.down_t > MAX_STAGES {
         return Err(Error::Limit { what: "stages", found: c.down_t, allowed: format!("at most {MAX_STAGES}") });
     }
-    Ok(DecoderConfig {
+    let mut config = DecoderConfig {
         width: narrow(c.width, "decoder width")?,
         code_width: narrow(c.code_dim, "code width")?,
         codes: narrow(c.codes, "number of codes")?,
         quantizers: narrow(c.quantizers, "number of quantizers")?,
         stages: narrow(c.down_t, "stages")?,
         dilations,
+        padding: heapless::Vec::new(),
         features: narrow(c.features, "number of features")?,
-    })
+    };
+    config.padding = config.symmetrical();
+    Ok(config)
 }
 
 fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
     let c = &source.checkpoint.config;
     let names: Vec<&str> = source.bank.iter().map(|e| e.name.as_str()).collect();
-    let (vocabulary, encoder) = if source.text_encoder {
-        (c.vocabulary.join("\n"), Some(transformer_config(c.form(), c.text)?))
-    } else {
-        (String::new(), None)
+    let encoder = match source.text_encoder {
+        true => Some((c.vocabulary.join("\n"), transformer_config(c.form(), c.text)?)),
+        false => None,
     };
     Ok(Text {
         width: narrow(c.text.width, "width of the text encoder")?,
         max_words: narrow(c.max_words, "longest prompt")?,
-        vocabulary,
         encoder,
         bank: names.join("\n"),
     })
@@ -228,8 +249,14 @@ fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
 
 fn planner_config(source: &PriorSource<'_>) -> Result<PlannerConfig, Error> {
     let c = &source.checkpoint.config;
-    let sampler = Sampler::Tmd { c: c.c as f32, a: c.a as f32 };
-    Ok(PlannerConfig { transformer: transformer_config(c.form(), c.planner)?, sampler })
+    Ok(PlannerConfig {
+        max_tokens: narrow(c.max_tokens, "longest motion")?,
+        transformer: transformer_config(c.form(), c.planner)?,
+        c: c.c as f32,
+        a: c.a as f32,
+        guidance: Guidance::TwoPass,
+        control: source.control.map(control_config).transpose()?,
+    })
 }
 
 fn control_config(control: &ControlCheckpoint) -> Result<ControlConfig, Error> {

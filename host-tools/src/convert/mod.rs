@@ -16,6 +16,7 @@
 //! | [`prior`] | text encoder, planner and anchor control |
 //! | [`bank`] | prompts encoded beforehand |
 //! | [`blob`] | bytes, self-test |
+//! | [`lift`] | blobs of the format before this one |
 
 pub mod bank;
 pub mod blob;
@@ -23,6 +24,7 @@ pub mod calibration;
 pub mod conv1d;
 pub mod decoder;
 pub mod error;
+pub mod lift;
 pub mod linear_algebra;
 pub mod moments;
 pub mod prior;

@@ -7,7 +7,7 @@ pub mod layers;
 pub mod planner;
 pub mod solvers;
 
-use motionette::blob::TransformerConfig;
+use motionette::blob::{TextTable, TransformerConfig};
 use motionette::{Generator, Request};
 use serde::Serialize;
 
@@ -197,7 +197,7 @@ pub fn runtime_token(id: i64) -> u16 {
 /// [`Error::Mismatch`].
 pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Result<(), Error> {
     let (_, manifest, _) = blob.parts()?;
-    let (d, c) = (&manifest.decoder, &checkpoint.config);
+    let (d, c) = (manifest.codec.decoder(), &checkpoint.config);
     let sizes = [
         ("width", usize::from(d.width), c.width),
         ("code width", usize::from(d.code_width), c.code_dim),
@@ -219,19 +219,21 @@ pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Re
 /// [`Error::NoPlanner`], [`Error::Mismatch`].
 pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), Error> {
     let (_, manifest, _) = blob.parts()?;
-    let (Some(text), Some(planner)) = (manifest.text, manifest.planner) else { return Err(Error::NoPlanner) };
+    let (Some(text), Some(planner)) = (manifest.text, manifest.generator.planner()) else {
+        return Err(Error::NoPlanner);
+    };
     let c = &prior.config;
     let mut pairs = vec![
         ("width of the text encoder", usize::from(text.width), c.text.width),
         ("longest prompt", usize::from(text.max_words), c.max_words),
-        ("longest motion", usize::from(manifest.max_tokens), c.max_tokens),
-        ("number of codes", usize::from(manifest.decoder.codes), c.codes),
+        ("longest motion", usize::from(manifest.generator.max_tokens()), c.max_tokens),
+        ("number of codes", usize::from(manifest.codec.decoder().codes), c.codes),
     ];
-    pairs.extend(text.encoder.iter().flat_map(|encoder| transformer(encoder, c.text)));
+    pairs.extend(text.encoder.iter().flat_map(|encoder| transformer(&encoder.transformer, c.text)));
     pairs.extend(transformer(&planner.transformer, c.planner));
-    if text.encoder.is_some() {
-        let same = text.vocabulary.lines().zip(&c.vocabulary).take_while(|(a, b)| a == b).count();
-        pairs.push(("number of words", text.vocabulary.lines().count(), c.vocabulary.len()));
+    if let Some(TextTable::Words(words)) = text.encoder.map(|encoder| encoder.table) {
+        let same = words.lines().zip(&c.vocabulary).take_while(|(a, b)| a == b).count();
+        pairs.push(("number of words", words.lines().count(), c.vocabulary.len()));
         pairs.push(("number of words in the same order", same, c.vocabulary.len()));
     }
     match pairs.into_iter().find(|(_, blob, checkpoint)| blob != checkpoint) {
@@ -246,11 +248,11 @@ pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), 
 /// [`Error::NoControl`], [`Error::Mismatch`].
 pub fn check_same_control(blob: &BlobFile, control: &ControlCheckpoint) -> Result<(), Error> {
     let (_, manifest, _) = blob.parts()?;
-    let Some(found) = manifest.control else { return Err(Error::NoControl) };
+    let Some(found) = manifest.generator.control() else { return Err(Error::NoControl) };
     let c = &control.config;
     let families = c.families.iter().fold(0, |bits, family| bits | family.bit());
     let pairs = [
-        ("longest motion", usize::from(manifest.max_tokens), c.max_tokens),
+        ("longest motion", usize::from(manifest.generator.max_tokens()), c.max_tokens),
         ("width of a frame of the scaffold", usize::from(found.frame_width), c.frame_width),
         ("rank of the anchors' keys and values", usize::from(found.rank), c.rank),
         ("whether there is a dual context", usize::from(found.context), usize::from(c.context)),

@@ -16,6 +16,7 @@ pub use request::{Request, Source};
 pub use stream::{Frame, MotionStream, Segment};
 
 use crate::JOINTS;
+pub use crate::blob::SELF_TEST_NUMBERS;
 use crate::hash::Fnv;
 use crate::log;
 use crate::memory::{Arena, ArenaTooSmall};
@@ -365,9 +366,6 @@ impl<'a> Generator<'a> {
         Ok(Some(hash.value() == test.hash))
     }
 }
-
-/// Token numbers a self-test may have.
-pub const SELF_TEST_NUMBERS: usize = 64;
 
 /// Fills `u` from tokens (the request's, or those that were planned) or embeddings. The tokens come back.
 fn embed<'t>(model: &Model<'_>, source: Source<'_>, tokens: &'t mut [u16], u: &mut [f32]) -> Result<&'t [u16], Error> {

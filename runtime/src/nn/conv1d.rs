@@ -8,6 +8,7 @@ use super::epilogue::{self, Affine};
 use super::quantise;
 use crate::blob::{DType, Error, Tensors};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8, room, wide};
+use serde::Serialize;
 
 /// Length of accumulators for so many rows of `sums` sums of `terms` terms, [`room`] behind them included.
 #[must_use]
@@ -45,6 +46,23 @@ pub struct Shape {
     pub inputs: u16,
     /// Output channels.
     pub outputs: u16,
+}
+
+/// Rows of nothing before and behind a sequence, that a convolution's taps may reach.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Padding {
+    /// Rows before the first: how far an output row looks back.
+    pub left: u16,
+    /// Rows behind the last: how far an output row looks ahead.
+    pub right: u16,
+}
+
+impl Padding {
+    /// So many rows on either side.
+    #[must_use]
+    pub const fn symmetrical(rows: u16) -> Self {
+        Padding { left: rows, right: rows }
+    }
 }
 
 /// Quantised rows: `x[r][k] ~ q[r][k] * scales[r]`.

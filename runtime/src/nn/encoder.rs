@@ -1,10 +1,10 @@
 //! Rows to what others attend to: `x_i += position[i]`, blocks with self-attention, `h = LN(x)`, and the mean of `h_i` over i.
 
 use super::attention::SegmentMut;
-use super::block::{Scratch, Stack};
+use super::block::{Scratch, Stack, TransformerConfig};
 use super::embedding::Embedding;
 use super::norm::LayerNorm;
-use crate::blob::{Error, Tensors, TransformerConfig};
+use crate::blob::{Error, Tensors};
 use crate::stop::{Check, Stop};
 use core::ops::ControlFlow;
 

@@ -5,8 +5,8 @@
 
 use super::anchors::AnchorSet;
 use super::scaffold::{LIMIT, Scaffold, Statistics, WIDTH};
-use crate::blob::{Activation, ControlConfig, Error, Tensors};
-use crate::nn::activation;
+use crate::blob::{ControlConfig, Error, Tensors};
+use crate::nn::activation::{self, Activation};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{self, Scratch, Sizes, below};
 use crate::nn::encoder::Encoder;

@@ -3,7 +3,7 @@
 //! `x_i = embedding[w_i] + position[i]`, blocks with self-attention, `memory = LN(x)`, `pooled = mean over i`.
 
 use super::text::Vocabulary;
-use crate::blob::{Error, Tensors, TextConfig, TransformerConfig};
+use crate::blob::{Error, Tensors, TextEncoderConfig, TextTable};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes, Stack};
 use crate::nn::embedding::Embedding;
@@ -20,15 +20,16 @@ pub struct TextEncoder<'a> {
 }
 
 impl<'a> TextEncoder<'a> {
-    /// Reads the encoder from the next tensors and checks that activations stay finite.
+    /// Reads the encoder of prompts of at most `max_words` words from the next tensors and checks that activations stay finite.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
-    pub fn open(tensors: &mut Tensors<'a>, text: &TextConfig<'a>, config: TransformerConfig) -> Result<Self, Error> {
-        let vocabulary = Vocabulary::new(text.vocabulary);
+    pub fn open(tensors: &mut Tensors<'a>, config: &TextEncoderConfig<'a>, max_words: u16) -> Result<Self, Error> {
+        let TextEncoderConfig { table: TextTable::Words(words), transformer } = *config;
+        let vocabulary = Vocabulary::new(words);
         let words = u16::try_from(vocabulary.len()).map_err(|_| Error::Manifest)?;
-        let embedding = Embedding::open(tensors, words, config.width)?;
-        let encoder = Encoder::open(tensors, text.max_words, config, embedding.bound())?;
+        let embedding = Embedding::open(tensors, words, transformer.width)?;
+        let encoder = Encoder::open(tensors, max_words, transformer, embedding.bound())?;
         Ok(TextEncoder { vocabulary, embedding, encoder })
     }
 

@@ -6,8 +6,8 @@
 
 use super::condition::Condition;
 use super::transformer::Planner;
-use crate::blob::{Activation, ControlConfig, Error, Tensors};
-use crate::nn::activation;
+use crate::blob::{ControlConfig, Error, Tensors};
+use crate::nn::activation::{self, Activation};
 use crate::nn::attention::{Heads, SegmentMut};
 use crate::nn::block::{Scratch, Sizes, below, heads, project_low_rank};
 use crate::nn::conv1d::larger;

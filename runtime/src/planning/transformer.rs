@@ -14,7 +14,7 @@ use super::condition::Condition;
 use super::request::MAX_GUIDANCE;
 use super::sampler::Sampler;
 use super::tmd::Tmd;
-use crate::blob::{self, Error, PlannerConfig, Tensors};
+use crate::blob::{Error, PlannerConfig, Tensors};
 use crate::model::MAX_MAGNITUDE;
 use crate::nn::attention::{Heads, SegmentMut};
 use crate::nn::block::{Scratch, Sizes, Stack, below};
@@ -64,14 +64,8 @@ impl<'a> Planner<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
-    pub fn open(
-        tensors: &mut Tensors<'a>,
-        config: &PlannerConfig,
-        text: &Text<'_>,
-        codes: u16,
-        max_tokens: u16,
-    ) -> Result<Self, Error> {
-        let PlannerConfig { transformer, sampler: blob::Sampler::Tmd { c, a } } = *config;
+    pub fn open(tensors: &mut Tensors<'a>, config: &PlannerConfig, text: &Text<'_>, codes: u16) -> Result<Self, Error> {
+        let PlannerConfig { transformer, max_tokens, c, a, .. } = *config;
         let memory = u16::try_from(text.width()).map_err(|_| Error::Manifest)?;
         let width = transformer.width;
         let first = tensors.index();
