@@ -2,6 +2,8 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
+use super::start::Start;
+
 /// What a player does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -50,6 +52,8 @@ pub(super) enum Wish {
 pub struct Status {
     /// What it does.
     pub state: State,
+    /// How its start stands.
+    pub start: Start,
     /// Ticks since it was made.
     pub ticks: u32,
     /// Motions that it has begun.
@@ -70,9 +74,11 @@ pub struct Control {
     stop: AtomicBool,
     hold: AtomicBool,
     neutral: AtomicBool,
+    release: AtomicBool,
     /// Number of the motion before which everything queued is thrown away.
     pub(super) cut: AtomicU8,
     state: AtomicU8,
+    start: AtomicU32,
     ticks: AtomicU32,
     motions: AtomicU32,
     finished: AtomicU32,
@@ -89,8 +95,10 @@ impl Control {
             stop: AtomicBool::new(false),
             hold: AtomicBool::new(false),
             neutral: AtomicBool::new(false),
+            release: AtomicBool::new(false),
             cut: AtomicU8::new(0),
             state: AtomicU8::new(State::Holding as u8),
+            start: AtomicU32::new(Start::Reading.to_bits()),
             ticks: AtomicU32::new(0),
             motions: AtomicU32::new(0),
             finished: AtomicU32::new(0),
@@ -123,6 +131,24 @@ impl Control {
         self.stop.store(false, Ordering::Release);
     }
 
+    /// Lets servos that cannot say where they stand have their first pulses: the robot has been brought to the pose that its
+    /// description states for the start. Stays in force.
+    pub fn release(&self) {
+        self.release.store(true, Ordering::Release);
+    }
+
+    /// Whether [`Control::release`] was called.
+    #[must_use]
+    pub fn released(&self) -> bool {
+        self.release.load(Ordering::Acquire)
+    }
+
+    /// How the start stands.
+    #[must_use]
+    pub fn start(&self) -> Start {
+        Start::from_bits(self.start.load(Ordering::Acquire))
+    }
+
     /// What the player did last.
     #[must_use]
     pub fn status(&self) -> Status {
@@ -130,6 +156,7 @@ impl Control {
         let state = usize::from(self.state.load(Ordering::Acquire));
         Status {
             state: State::ALL.get(state).copied().unwrap_or_default(),
+            start: self.start(),
             ticks: read(&self.ticks),
             motions: read(&self.motions),
             finished: read(&self.finished),
@@ -154,6 +181,7 @@ impl Control {
     /// Only the player writes these.
     pub(super) fn publish(&self, status: &Status) {
         self.state.store(status.state as u8, Ordering::Release);
+        self.start.store(status.start.to_bits(), Ordering::Release);
         let counters = [
             (&self.ticks, status.ticks),
             (&self.motions, status.motions),

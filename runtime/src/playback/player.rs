@@ -11,6 +11,7 @@ use super::interpolate::monotone_cubic;
 use super::limiter::{Angle, Limiter, Limits, UNITS, units};
 use super::line::{Item, Source, degrees};
 use super::robot::{Channel, Rest, Robot};
+use super::start::Start;
 use core::sync::atomic::Ordering;
 
 /// Items that a tick throws away at most when a motion is cut off.
@@ -137,7 +138,7 @@ impl<'a, const C: usize> Player<'a, C> {
             held: false,
             cutting: None,
             cut: 0,
-            status: Status::default(),
+            status: Status { start: Start::Ready, ..Status::default() },
             frame: None,
         }
     }
