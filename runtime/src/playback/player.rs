@@ -9,10 +9,9 @@ use heapless::spsc::Consumer;
 use super::control::{Control, State, Status, Wish};
 use super::interpolate::monotone_cubic;
 use super::limiter::{Angle, Limiter, Limits, UNITS, units};
-use super::line::{Item, Source, degrees};
+use super::line::{Item, Source, degrees, is_before, whole};
 use super::robot::{Channel, Rest, Robot};
 use super::start::Start;
-use core::sync::atomic::Ordering;
 
 /// Items that a tick throws away at most when a motion is cut off.
 const THROWN_AWAY: usize = 32;
@@ -32,14 +31,16 @@ struct Reel<const C: usize> {
     left: u8,
     /// Time since the second frame, in ticks times the frame rate; the next frame is due at the tick rate.
     time: u32,
-    frame_rate: u8,
+    frame_rate: u16,
     /// Number of the second frame in the motion.
     index: u32,
+    /// Number of the motion.
+    number: u32,
 }
 
 impl<const C: usize> Reel<C> {
-    fn new(frame_rate: u8) -> Self {
-        Reel { frames: [[0; C]; 4], taken: 0, ended: false, left: 0, time: 0, frame_rate, index: 0 }
+    const fn new(number: u32, frame_rate: u16) -> Self {
+        Reel { frames: [[0; C]; 4], taken: 0, ended: false, left: 0, time: 0, frame_rate, index: 0, number }
     }
 
     /// Appends a frame to those not yet shown.
@@ -104,9 +105,9 @@ pub struct Player<'a, const C: usize> {
     from: [Angle; C],
     faded: u32,
     held: bool,
-    /// Throwing away what comes before the motion of this number.
-    cutting: Option<u8>,
-    cut: u8,
+    /// What comes before the motion of this number is thrown away, and whether that one has not come yet.
+    cut: u32,
+    cutting: bool,
     status: Status,
     /// What of the motion the last tick showed.
     frame: Option<f32>,
@@ -136,8 +137,8 @@ impl<'a, const C: usize> Player<'a, C> {
             from: [0; C],
             faded: 0,
             held: false,
-            cutting: None,
             cut: 0,
+            cutting: false,
             status: Status { start: Start::Ready, ..Status::default() },
             frame: None,
         }
@@ -195,6 +196,7 @@ impl<'a, const C: usize> Player<'a, C> {
         }
         self.frame = None;
         let wish = self.control.wish();
+        self.cut_off();
         self.status.state = match wish {
             Wish::Run => self.run(),
             Wish::Hold => {
@@ -203,15 +205,15 @@ impl<'a, const C: usize> Player<'a, C> {
                 State::Holding
             }
             Wish::Stop => {
-                self.throw_away(None);
                 self.drive = Drive::None;
+                self.throw_away(|_| true);
                 if self.brake() { State::Stopped } else { State::Stopping }
             }
             Wish::Neutral => {
-                self.throw_away(None);
                 if !matches!(self.drive, Drive::Return) {
                     self.begin(Drive::Return);
                 }
+                self.throw_away(|_| true);
                 self.go_home()
             }
         };
@@ -252,13 +254,6 @@ impl<'a, const C: usize> Player<'a, C> {
             // From where the servos came to stand.
             self.begin(self.drive);
         }
-        let cut = self.control.cut.load(Ordering::Acquire);
-        if cut != self.cut {
-            (self.cut, self.cutting) = (cut, Some(cut));
-        }
-        if let Some(number) = self.cutting {
-            self.throw_away(Some(number));
-        }
         self.load();
         match self.drive {
             Drive::None => {
@@ -296,11 +291,10 @@ impl<'a, const C: usize> Player<'a, C> {
                 }
                 (Drive::Motion(reel), Some(Item::End)) if reel.taken > 0 => reel.ended = true,
                 (Drive::Motion(_), Some(Item::End)) => self.finish(),
+                // The next tick goes on throwing away.
+                (_, Some(Item::Begin { number, .. })) if self.cutting && is_before(whole(*number), self.cut) => return,
                 (_, Some(Item::Begin { number, frame_rate })) => {
-                    let (number, reel) = (*number, Reel::new(*frame_rate));
-                    if self.cutting == Some(number) {
-                        self.cutting = None;
-                    }
+                    let reel = Reel::new(whole(*number), *frame_rate);
                     self.begin(Drive::Motion(reel));
                     self.status.motions = self.status.motions.wrapping_add(1);
                 }
@@ -311,22 +305,41 @@ impl<'a, const C: usize> Player<'a, C> {
         }
     }
 
-    /// Throws away what is queued, up to the beginning of the motion of that number.
+    /// Ends what is not to be played any more, and throws away what of it is queued.
     #[inline(never)]
-    fn throw_away(&mut self, until: Option<u8>) {
-        if let Drive::Motion(_) = self.drive {
+    fn cut_off(&mut self) {
+        let cut = self.control.cut();
+        if cut != self.cut {
+            (self.cut, self.cutting) = (cut, true);
+        }
+        if !self.cutting {
+            return;
+        }
+        if let Drive::Motion(reel) = &self.drive
+            && is_before(reel.number, cut)
+        {
             self.drive = Drive::None;
+        }
+        let reached = self.throw_away(|number| is_before(number, cut));
+        self.cutting = !(reached || matches!(self.drive, Drive::Motion(_)));
+    }
+
+    /// Throws away what is queued, at most as much as a tick may, up to the first motion whose number is not `unwanted`. Returns
+    /// whether it has come to that one.
+    #[inline(never)]
+    fn throw_away(&mut self, unwanted: impl Fn(u32) -> bool) -> bool {
+        if let Drive::Motion(_) = self.drive {
+            // What comes next is its own.
+            return false;
         }
         for _ in 0..THROWN_AWAY {
             match self.source.peek() {
-                None => return,
-                Some(Item::Begin { number, .. }) if Some(*number) == until => {
-                    self.cutting = None;
-                    return;
-                }
+                None => return false,
+                Some(Item::Begin { number, .. }) if !unwanted(whole(*number)) => return true,
                 Some(_) => _ = self.source.take(),
             }
         }
+        false
     }
 
     /// A tick of a motion.
