@@ -140,7 +140,7 @@ impl Control {
     }
 
     /// Lets servos that cannot say where they stand have their first pulses: the robot has been brought to the pose that its
-    /// description states for the start. Stays in force.
+    /// description states for the start. Stays in force, unless they lose their power for so long that nobody knows where they are.
     pub fn release(&self) {
         self.release.store(true, Ordering::Release);
     }
@@ -149,6 +149,11 @@ impl Control {
     #[must_use]
     pub fn released(&self) -> bool {
         self.release.load(Ordering::Acquire)
+    }
+
+    /// It takes another [`Control::release`].
+    pub(super) fn withdraw(&self) {
+        self.release.store(false, Ordering::Release);
     }
 
     /// How the start stands.

@@ -16,6 +16,9 @@ use super::start::Start;
 /// Items that a tick throws away at most when a motion is cut off.
 const THROWN_AWAY: usize = 32;
 
+/// How far beyond its range a servo may stand when it is found, degrees.
+const PLAY: f32 = 1.0;
+
 /// How far from where the motion wants it a servo counts as held back by its limits: a tenth of a degree.
 const BEHIND: Angle = (UNITS as Angle) / 10;
 
@@ -105,6 +108,9 @@ pub struct Player<'a, const C: usize> {
     from: [Angle; C],
     faded: u32,
     held: bool,
+    /// Whether the servos creep from where they were found to `goal`.
+    creeping: bool,
+    goal: [Angle; C],
     /// What comes before the motion of this number is thrown away, and whether that one has not come yet.
     cut: u32,
     cutting: bool,
@@ -117,7 +123,7 @@ impl<'a, const C: usize> Player<'a, C> {
     pub(super) fn new(robot: &'a Robot, consumer: Consumer<'a, Item<C>>, control: &'a Control) -> Self {
         let (mut servos, mut commands) = (Vec::new(), Vec::new());
         for channel in &robot.channels {
-            let limiter = channel.limiter(robot.tick_rate);
+            let limiter = Limiter::new(channel.limits(robot.tick_rate, channel.speed), units(channel.neutral));
             // The line was made for as many channels.
             let _ = servos.push(limiter);
             let _ = commands.push(channel.command(limiter.at()));
@@ -137,25 +143,31 @@ impl<'a, const C: usize> Player<'a, C> {
             from: [0; C],
             faded: 0,
             held: false,
+            creeping: false,
+            goal: [0; C],
             cut: 0,
             cutting: false,
-            status: Status { start: Start::Ready, ..Status::default() },
+            status: Status::default(),
             frame: None,
         }
     }
 
-    /// Says where the servos really are, degrees: for those that can tell, before the first tick.
+    /// Says where the servos really stand, degrees: before the first tick, and whenever they may have moved by themselves. The player
+    /// goes on from there: it creeps, at [`Robot::creep`], to where it would have had them, and only then does anything else.
     pub fn stand_at(&mut self, angles: &[f32]) {
-        for (((servo, command), channel), angle) in
-            self.servos.iter_mut().zip(&mut self.commands).zip(&self.robot.channels).zip(angles)
-        {
-            *servo = Limiter::new(*servo.limits(), units(*angle));
+        let rate = self.robot.tick_rate;
+        let goals = self.goal.iter_mut().zip(&mut self.before);
+        let servos = self.servos.iter_mut().zip(&mut self.commands).zip(&self.robot.channels);
+        for ((((servo, command), channel), (goal, before)), angle) in servos.zip(goals).zip(angles) {
+            if !self.creeping {
+                *goal = servo.at();
+            }
+            let slow = if self.robot.creep < channel.speed { self.robot.creep } else { channel.speed };
+            *servo = Limiter::new(channel.limits(rate, slow), units(*angle));
             *command = channel.command(servo.at());
-        }
-        for (before, servo) in self.before.iter_mut().zip(&self.servos) {
             *before = servo.at();
         }
-        self.drive = Drive::None;
+        self.creeping = true;
     }
 
     /// Angles that the servos were last told to take, degrees.
@@ -181,6 +193,11 @@ impl<'a, const C: usize> Player<'a, C> {
         &self.robot.channels
     }
 
+    /// Its orders.
+    pub(super) const fn control(&self) -> &'a Control {
+        self.control
+    }
+
     /// What it has counted.
     #[must_use]
     pub const fn status(&self) -> &Status {
@@ -197,7 +214,9 @@ impl<'a, const C: usize> Player<'a, C> {
         self.frame = None;
         let wish = self.control.wish();
         self.cut_off();
+        self.status.start = Start::Ready;
         self.status.state = match wish {
+            Wish::Run if self.creeping => self.creep(),
             Wish::Run => self.run(),
             Wish::Hold => {
                 self.held = true;
@@ -214,10 +233,29 @@ impl<'a, const C: usize> Player<'a, C> {
                     self.begin(Drive::Return);
                 }
                 self.throw_away(|_| true);
-                self.go_home()
+                if self.creeping {
+                    for (goal, channel) in self.goal.iter_mut().zip(&self.robot.channels) {
+                        *goal = units(channel.neutral);
+                    }
+                    self.creep()
+                } else {
+                    self.go_home()
+                }
             }
         };
+        if self.creeping {
+            self.status.start = Start::Creeping;
+        }
         self.show()
+    }
+
+    /// One tick in which it is not known where the servos stand, so that they are told nothing: motions wait, orders are noted.
+    #[inline(never)]
+    pub(super) fn wait(&mut self, start: Start) -> State {
+        self.cut_off();
+        self.status.start = start;
+        self.frame = None;
+        self.stand().state
     }
 
     /// One tick in which the servos stay where they are and the motion waits: for when they cannot be told anything else.
@@ -265,6 +303,23 @@ impl<'a, const C: usize> Player<'a, C> {
             Drive::Return => self.go_home(),
             Drive::Motion(reel) => self.play(reel),
         }
+    }
+
+    /// A tick of the slow way to where the servos are to be.
+    #[inline(never)]
+    fn creep(&mut self) -> State {
+        let mut there = true;
+        for (servo, goal) in self.servos.iter_mut().zip(&self.goal) {
+            there &= servo.follow(*goal) && servo.step() == 0;
+        }
+        if there {
+            // Standing: from here on with all that the servos may do.
+            for (servo, channel) in self.servos.iter_mut().zip(&self.robot.channels) {
+                *servo = Limiter::new(channel.limits(self.robot.tick_rate, channel.speed), servo.at());
+            }
+            (self.creeping, self.held) = (false, true);
+        }
+        State::Returning
     }
 
     /// Begins to follow `drive`, fading from where the servos are.
@@ -453,13 +508,13 @@ impl<'a, const C: usize> Player<'a, C> {
 }
 
 impl Channel {
-    /// What the servo may do at so many ticks a second, standing at neutral. Limits are rounded to the safe side.
+    /// What the servo may do at so many ticks a second, at most at `speed` degrees a second. Limits are rounded to the safe side.
     #[inline(never)]
-    fn limiter(&self, tick_rate: u16) -> Limiter {
+    fn limits(&self, tick_rate: u16, speed: f32) -> Limits {
         let rate = f32::from(tick_rate);
         let [low, high] = self.range.map(units);
-        let (step, change) = (self.speed / rate * UNITS, self.acceleration / (rate * rate) * UNITS);
-        Limiter::new(Limits { low, high, step: step as Angle, change: change as Angle }, units(self.neutral))
+        let (step, change) = (speed / rate * UNITS, self.acceleration / (rate * rate) * UNITS);
+        Limits { low, high, step: step as Angle, change: change as Angle }
     }
 
     /// The command for an angle of the range: its ends are [`Channel::command`]'s.
@@ -477,5 +532,19 @@ impl Channel {
             command
         };
         kept as u16
+    }
+
+    /// Whether a servo that says that it stands at `command` is in its range, or beyond an end by no more than gears have play: a degree.
+    #[must_use]
+    pub fn admits(&self, command: u16) -> bool {
+        let ([low, high], angle) = (self.range, self.degrees(command));
+        angle >= low - PLAY && angle <= high + PLAY
+    }
+
+    /// Degrees of a command, within the range or not.
+    #[inline(never)]
+    pub(super) fn degrees(&self, command: u16) -> f32 {
+        let ([low, high], [first, last]) = (self.range, self.command.map(f32::from));
+        low + (f32::from(command) - first) * (high - low) / (last - first)
     }
 }

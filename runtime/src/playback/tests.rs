@@ -14,7 +14,7 @@ fn channel(name: &str, source: Source, range: [f32; 2]) -> Channel {
     let bus = Bus::Pca9685 { address: 0x40, output: 0 };
     let name = heapless::String::try_from(name).unwrap();
     let (command, speed, acceleration) = ([1000, 2000], 300.0, 2000.0);
-    Channel { name, source, neutral: 0.0, gain: 1.0, range, command, speed, acceleration, bus }
+    Channel { name, source, neutral: 0.0, start: Some(0.0), gain: 1.0, range, command, speed, acceleration, bus }
 }
 
 fn robot(channels: &[(Joint, Axis, [f32; 2])]) -> Robot {
@@ -25,6 +25,8 @@ fn robot(channels: &[(Joint, Axis, [f32; 2])]) -> Robot {
         return_time: 1.0,
         after: Rest::Hold,
         finish_without_host: true,
+        creep: 20.0,
+        output_enable: None,
         channels: heapless::Vec::new(),
     };
     for (number, (joint, axis, range)) in channels.iter().enumerate() {
@@ -250,6 +252,11 @@ fn robots_are_packed_and_opened_or_refused_with_the_reason() {
     assert_eq!(count, 3);
     assert_eq!(broken(&|r| r.tick_rate = 5)[0], Violation { channel: None, what: Fault::TickRate(5) });
     assert_eq!(broken(&|r| r.channels.clear())[0], Violation { channel: None, what: Fault::NoChannels });
+    assert_eq!(broken(&|r| r.creep = f32::NAN).len(), 1);
+    assert_eq!(broken(&|r| r.creep = 0.5)[0], Violation { channel: None, what: Fault::Creep(0.5) });
+    assert_eq!(broken(&|r| r.channels[2].start = None), [of(2, Fault::NoStart)]);
+    let range = robot.channels[2].range;
+    assert_eq!(broken(&|r| r.channels[2].start = Some(99.0)), [of(2, Fault::Start { start: 99.0, range })]);
     assert_eq!(broken(&|r| r.fade = -1.0)[0], Violation { channel: None, what: Fault::Times });
 }
 
