@@ -423,8 +423,8 @@ impl Channel {
         }
         match self.start {
             None if !self.bus.reads_back() => fault(Fault::NoStart),
-            // A broken range has been reported.
-            Some(start) if low < high && !allowed(start, low, high) => {
+            // A broken range, or neutral, has been reported.
+            Some(start) if low < high && start != self.neutral && !allowed(start, low, high) => {
                 fault(Fault::Start { start, range: self.range });
             }
             _ => {}
