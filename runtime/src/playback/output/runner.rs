@@ -124,46 +124,45 @@ impl<'a, O: Output, const C: usize> Runner<'a, O, C> {
         Ticked { state: self.player.wait(start), failed }
     }
 
-    /// Asks the servo whose turn it is.
+    /// Asks the servo whose turn it is, and those behind it while nobody can say anything.
     #[inline(never)]
     fn ask(&mut self, time: &mut Time<'_>) -> (Start, Option<O::Error>) {
-        let (channels, index) = (self.player.channels(), self.next);
-        let refused = |why| Start::Refused { channel: index as u8, why };
-        let answer = match self.phase {
-            Phase::Find => self.output.find(channels, index, time),
-            _ => self.output.hold(channels, index, time),
-        };
-        let answer = match answer {
-            Ok(answer) => answer,
-            Err(error) => {
-                self.bus.errors = self.bus.errors.wrapping_add(1);
-                self.misses = self.misses.saturating_add(1);
-                let silent = self.misses >= PATIENCE;
-                return (if silent { refused(StartFault::Silent) } else { Start::Reading }, Some(error));
+        let channels = self.player.channels();
+        loop {
+            let index = self.next;
+            let refused = |why| (Start::Refused { channel: index as u8, why }, None);
+            let (Some(channel), Some(found)) = (channels.get(index), self.found.get_mut(index)) else {
+                return (Start::Reading, None);
+            };
+            let answer = match self.phase {
+                Phase::Find => self.output.find(channels, index, time),
+                _ => self.output.hold(channels, index, time),
+            };
+            let at = match answer {
+                Err(error) => {
+                    self.bus.errors = self.bus.errors.wrapping_add(1);
+                    self.misses = self.misses.saturating_add(1);
+                    let start = if self.misses < PATIENCE { Start::Reading } else { refused(StartFault::Silent).0 };
+                    return (start, Some(error));
+                }
+                Ok(Some(command)) if channel.admits(command) => Some(channel.degrees(command)),
+                Ok(Some(command)) => {
+                    let decidegrees = (10.0 * channel.degrees(command)) as i16;
+                    return refused(StartFault::OutOfRange { decidegrees });
+                }
+                Ok(None) if self.known => self.player.angles().nth(index),
+                Ok(None) => {
+                    self.blind = true;
+                    channel.start
+                }
+            };
+            // A servo that should say where it stands may be on an output that cannot ask it.
+            let Some(at) = at else { return refused(StartFault::Silent) };
+            (*found, self.next, self.misses) = (at, index.saturating_add(1), 0);
+            if !matches!(answer, Ok(None)) || time.left() == 0 {
+                return (Start::Reading, None);
             }
-        };
-        self.misses = 0;
-        let (Some(channel), Some(found)) = (channels.get(index), self.found.get_mut(index)) else {
-            return (Start::Reading, None);
-        };
-        let at = match answer {
-            Some(command) if channel.admits(command) => Some(channel.degrees(command)),
-            Some(command) => {
-                let decidegrees = (10.0 * channel.degrees(command)) as i16;
-                return (refused(StartFault::OutOfRange { decidegrees }), None);
-            }
-            None if self.known => self.player.angles().nth(index),
-            None => {
-                self.blind = true;
-                channel.start
-            }
-        };
-        match at {
-            Some(at) => (*found, self.next) = (at, index.saturating_add(1)),
-            // A servo that should say where it stands, on an output that cannot ask it.
-            None => return (refused(StartFault::Silent), None),
         }
-        (Start::Reading, None)
     }
 
     /// The start begins again.
