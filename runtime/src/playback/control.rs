@@ -2,6 +2,8 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
+use super::start::Start;
+
 /// What a player does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -50,6 +52,8 @@ pub(super) enum Wish {
 pub struct Status {
     /// What it does.
     pub state: State,
+    /// How its start stands.
+    pub start: Start,
     /// Ticks since it was made.
     pub ticks: u32,
     /// Motions that it has begun.
@@ -70,9 +74,12 @@ pub struct Control {
     stop: AtomicBool,
     hold: AtomicBool,
     neutral: AtomicBool,
-    /// Number of the motion before which everything queued is thrown away.
-    pub(super) cut: AtomicU8,
+    release: AtomicBool,
+    /// Number of the motion that was queued last, and that of the motion before which everything is thrown away.
+    queued: AtomicU32,
+    cut: AtomicU32,
     state: AtomicU8,
+    start: AtomicU32,
     ticks: AtomicU32,
     motions: AtomicU32,
     finished: AtomicU32,
@@ -89,8 +96,11 @@ impl Control {
             stop: AtomicBool::new(false),
             hold: AtomicBool::new(false),
             neutral: AtomicBool::new(false),
-            cut: AtomicU8::new(0),
+            release: AtomicBool::new(false),
+            queued: AtomicU32::new(0),
+            cut: AtomicU32::new(0),
             state: AtomicU8::new(State::Holding as u8),
+            start: AtomicU32::new(Start::Reading.to_bits()),
             ticks: AtomicU32::new(0),
             motions: AtomicU32::new(0),
             finished: AtomicU32::new(0),
@@ -103,6 +113,7 @@ impl Control {
     /// Emergency stop: every servo brakes as hard as its acceleration allows and stands; what was queued is thrown away. Stays in force
     /// until [`Control::resume`], whatever else is ordered.
     pub fn stop(&self) {
+        self.throw_away();
         self.stop.store(true, Ordering::Release);
     }
 
@@ -113,14 +124,42 @@ impl Control {
 
     /// The robot returns to its neutral angles; what was queued is thrown away.
     pub fn neutral(&self) {
+        self.throw_away();
         self.neutral.store(true, Ordering::Release);
     }
 
-    /// Takes back stop, hold and return: a held motion goes on, the next one can begin.
+    /// Takes back stop, hold and return: a held motion goes on, the next one can begin. What was queued during a stop or a return is
+    /// thrown away.
     pub fn resume(&self) {
+        if matches!(self.wish(), Wish::Stop | Wish::Neutral) {
+            self.throw_away();
+        }
         self.neutral.store(false, Ordering::Release);
         self.hold.store(false, Ordering::Release);
         self.stop.store(false, Ordering::Release);
+    }
+
+    /// Lets servos that cannot say where they stand have their first pulses: the robot has been brought to the pose that its
+    /// description states for the start. Stays in force, unless they lose their power for so long that nobody knows where they are.
+    pub fn release(&self) {
+        self.release.store(true, Ordering::Release);
+    }
+
+    /// Whether [`Control::release`] was called.
+    #[must_use]
+    pub fn released(&self) -> bool {
+        self.release.load(Ordering::Acquire)
+    }
+
+    /// It takes another [`Control::release`].
+    pub(super) fn withdraw(&self) {
+        self.release.store(false, Ordering::Release);
+    }
+
+    /// How the start stands.
+    #[must_use]
+    pub fn start(&self) -> Start {
+        Start::from_bits(self.start.load(Ordering::Acquire))
     }
 
     /// What the player did last.
@@ -130,6 +169,7 @@ impl Control {
         let state = usize::from(self.state.load(Ordering::Acquire));
         Status {
             state: State::ALL.get(state).copied().unwrap_or_default(),
+            start: self.start(),
             ticks: read(&self.ticks),
             motions: read(&self.motions),
             finished: read(&self.finished),
@@ -137,6 +177,21 @@ impl Control {
             starved: read(&self.starved),
             limited: read(&self.limited),
         }
+    }
+
+    /// Everything queued so far is not to be played, nor is what is still to come of the motion that was begun last.
+    pub(super) fn throw_away(&self) {
+        self.cut.store(self.queued.load(Ordering::Acquire).wrapping_add(1), Ordering::Release);
+    }
+
+    /// Only the feeder says so: the motion of this number is queued from now on.
+    pub(super) fn begin(&self, number: u32) {
+        self.queued.store(number, Ordering::Release);
+    }
+
+    /// Number of the first motion that is not thrown away.
+    pub(super) fn cut(&self) -> u32 {
+        self.cut.load(Ordering::Acquire)
     }
 
     pub(super) fn wish(&self) -> Wish {
@@ -154,6 +209,7 @@ impl Control {
     /// Only the player writes these.
     pub(super) fn publish(&self, status: &Status) {
         self.state.store(status.state as u8, Ordering::Release);
+        self.start.store(status.start.to_bits(), Ordering::Release);
         let counters = [
             (&self.ticks, status.ticks),
             (&self.motions, status.motions),

@@ -10,6 +10,7 @@
 //! - [`mapper`]: servo angles from that, and back.
 //! - [`mod@line`]: the lock-free queue between whoever makes motions and the interrupt that plays them.
 //! - [`player`]: a tick of the servos, at a fixed cost; [`control`] is how it is ordered about and what it counts.
+//! - [`start`]: how the robot gets from power coming up to its first motion.
 //! - [`interpolate`], [`limiter`]: its numerics, an angle each.
 //! - [`output`]: commands onto pins and buses; the only part that knows hardware.
 //!
@@ -35,12 +36,14 @@ pub mod mapper;
 pub mod output;
 pub mod player;
 pub mod robot;
+pub mod start;
 
 pub use control::{Control, State, Status};
 pub use line::{Ends, Feeder, Full, Line, When};
 pub use mapper::{Mapper, reach};
 pub use player::{Player, Servos};
 pub use robot::{Axis, Bus, Channel, Rest, Robot, RobotError};
+pub use start::{Start, StartFault};
 
 #[cfg(test)]
 mod tests;
