@@ -305,6 +305,7 @@ impl AnchorSet {
                 swap(slot, &mut carried);
             }
         }
+        invariant!(self.len < MAX_ANCHORS, "a set of {} anchors", self.len);
         if let Some(slot) = self.items.get_mut(self.len) {
             *slot = carried;
             self.len += 1;

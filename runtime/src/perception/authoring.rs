@@ -101,8 +101,8 @@ impl Anchors {
     pub fn by_frame(&self, frame_rate: u16) -> Result<Vec<Anchor, MAX_ANCHORS>, AnchorError> {
         let mut anchors = Vec::new();
         for (index, entry) in self.items.iter().enumerate() {
-            // Both lists have the same capacity.
-            let _ = anchors.push(entry.anchor(index, frame_rate)?);
+            let pushed = anchors.push(entry.anchor(index, frame_rate)?);
+            invariant!(pushed.is_ok(), "both lists have the same capacity");
         }
         AnchorList::Timed(self).check_length()?;
         Ok(anchors)

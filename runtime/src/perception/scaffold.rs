@@ -90,8 +90,10 @@ impl<'s> Scaffold<'s> {
         rate: f32,
         bends: &'s mut [f32],
     ) -> Self {
+        invariant!(bends.len() == Self::NUMBERS, "{} numbers", bends.len());
         bends.fill(0.0);
         let (bends, _) = bends.as_chunks_mut();
+        invariant!(statistics.mean.len() == VALUES && statistics.std.len() == VALUES);
         let mut scaffold = Scaffold { anchors, families, statistics, rate, bends };
         for component in 0..COMPONENTS {
             for &axis in axes(component) {
@@ -115,7 +117,8 @@ impl<'s> Scaffold<'s> {
         let mut knots: Vec<Knot, MAX_ANCHORS> = Vec::new();
         for (_, anchor) in self.knots(component) {
             let value = anchor.target.get(axis).copied().unwrap_or(0.0);
-            let _ = knots.push(Knot { frame: f32::from(anchor.frame), value, diagonal: 1.0, bend: 0.0 });
+            let pushed = knots.push(Knot { frame: f32::from(anchor.frame), value, diagonal: 1.0, bend: 0.0 });
+            invariant!(pushed.is_ok(), "a knot is an anchor");
         }
         if knots.len() < SPLINE {
             return;
@@ -157,6 +160,7 @@ impl<'s> Scaffold<'s> {
 
     /// Features of frame `frame` into `c [WIDTH]`.
     pub fn features(&self, frame: usize, c: &mut [f32]) {
+        invariant!(c.len() == WIDTH, "{} features", c.len());
         c.fill(0.0);
         for component in 0..COMPONENTS {
             let Some(p) = self.position(component, frame) else { continue };

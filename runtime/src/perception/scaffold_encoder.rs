@@ -109,16 +109,18 @@ impl<'a> ScaffoldEncoder<'a> {
     /// Rows `h_l` of the scaffold.
     #[inline(never)]
     fn read(&self, anchors: &AnchorSet, x: &mut [f32], work: &mut [f32], scratch: &mut Scratch<'_>) {
-        let (bends, work) = work.split_at_mut_checked(Scaffold::NUMBERS).unwrap_or_default();
         let width = self.frame.outputs().max(1);
         let together = frames_together(self.merge.inputs() / width).max(1);
+        let needed = Scaffold::NUMBERS + together * WIDTH + self.merge.inputs();
+        invariant!(work.len() >= needed, "{} numbers, {needed} needed", work.len());
+        let (bends, work) = work.split_at_mut_checked(Scaffold::NUMBERS).unwrap_or_default();
         let (features, work) = work.split_at_mut_checked(together * WIDTH).unwrap_or_default();
-        let merged = work.get_mut(..self.merge.inputs()).unwrap_or_default();
+        let merged = part_mut!(work, ..self.merge.inputs());
         let scaffold = Scaffold::new(anchors, self.families, self.statistics, self.rate, bends);
         let mut frame = 0;
         for row in x.chunks_exact_mut(self.merge.outputs().max(1)) {
             for rows in merged.chunks_mut((together * width).max(1)) {
-                let features = features.get_mut(..rows.len() / width * WIDTH).unwrap_or_default();
+                let features = part_mut!(features, ..rows.len() / width * WIDTH);
                 for c in features.chunks_exact_mut(WIDTH) {
                     scaffold.features(frame, c);
                     frame += 1;
