@@ -89,9 +89,10 @@ pub mod plan;
 pub mod planning;
 pub mod playback;
 pub mod refining;
+pub mod stop;
 
 pub use generator::{
-    Error, Flow, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
+    Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
 };
 pub use model::Model;
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
@@ -99,8 +100,9 @@ pub use perception::anchors::{Anchor, Target};
 pub use perception::authoring::{AnchorList, Anchors};
 pub use perception::joint::Joint;
 pub use perception::prompt::Prompt;
-pub use plan::{Limits, Plan, ROWS, StreamLimits, StreamPlan};
+pub use plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
 pub use planning::{Fixed, Length, Planning, Sampling, Schedule};
+pub use stop::Stop;
 
 /// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).
 pub const JOINTS: usize = 22;

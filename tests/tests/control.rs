@@ -9,12 +9,13 @@ use motionette::perception::scaffold::{self, Scaffold, Statistics};
 use motionette::planning::{Limits, Session};
 use motionette::refining::Config;
 use motionette::{
-    Anchor, Error, Flow, Generator, Length, Model, Observer, Planning, Progress, Prompt, ROWS, Request, Stage, Target,
+    Anchor, Error, Generator, Length, Model, Observer, Planning, Progress, Prompt, ROWS, Request, Stage, Stop, Target,
 };
 use motionette_host::reference;
 use motionette_tests::naive_prior::{self, Rows, Scene};
 use motionette_tests::naive_scaffold;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
+use std::ops::ControlFlow;
 
 const PROMPT: &str = "a person waves the left hand";
 /// Its ids in the default vocabulary.
@@ -177,10 +178,10 @@ fn logits(tiny: &Tiny, scene: &Scene, planning: &Planning<'_>, anchors: bool) ->
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut words));
     let mut session = Session::new(modules, &mut arena, tokens, &limits, ROWS).expect("the planned bytes suffice");
     assert_eq!(arena.used(), bytes, "planned bytes are what a session takes");
-    let _ = session.read(&Prompt::Text(PROMPT), &mut || Ok(())).unwrap().unwrap();
+    let _ = session.read(&Prompt::Text(PROMPT), &mut || ControlFlow::Continue(())).unwrap().continue_value().unwrap();
     let set = AnchorSet::new(&scene.anchors, tokens * model.frames_per_token()).expect("the anchors are valid");
-    session.anchor(&set, tokens, &mut || Ok(())).unwrap();
-    session.pass(&scene.tokens, scene.time as f32, planning, &mut || Ok(())).unwrap();
+    assert!(session.anchor(&set, tokens, &mut || ControlFlow::Continue(())).is_continue());
+    assert!(session.pass(&scene.tokens, scene.time as f32, planning, &mut || ControlFlow::Continue(())).is_continue());
     (0..tokens).map(|i| session.logits(i).iter().map(|&v| f64::from(v)).collect()).collect()
 }
 
@@ -391,15 +392,15 @@ fn planned_work_is_that_of_the_layers() {
 struct Stopper {
     calls: usize,
     at: usize,
-    wish: Flow,
+    wish: ControlFlow<Stop>,
     stages: Vec<Stage>,
 }
 
 impl Observer for Stopper {
-    fn progress(&mut self, progress: Progress) -> Flow {
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         self.calls += 1;
         self.stages.push(progress.stage);
-        if self.calls == self.at { self.wish } else { Flow::Continue }
+        if self.calls == self.at { self.wish } else { ControlFlow::Continue(()) }
     }
 }
 
@@ -411,7 +412,7 @@ fn reading_anchors_can_be_stopped_at_every_layer() {
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut words)).unwrap();
     let request = base().anchors(&ANCHORS);
     let mut reads = |request: &Request<'_>| {
-        let mut all = Stopper { calls: 0, at: 0, wish: Flow::Continue, stages: vec![] };
+        let mut all = Stopper { calls: 0, at: 0, wish: ControlFlow::Continue(()), stages: vec![] };
         let hash = generator.generate(request, &mut all).unwrap().hash();
         (hash, all.stages.iter().filter(|stage| **stage == Stage::Reading).count())
     };
@@ -419,10 +420,10 @@ fn reading_anchors_can_be_stopped_at_every_layer() {
     let (_, free) = reads(&request.unconditioned());
     assert_eq!(reading, free + 2 + 2, "the scaffold's two blocks, and keys and values of the planner's two");
     for at in free + 1..=reading {
-        let mut stopper = Stopper { calls: 0, at, wish: Flow::Abort, stages: vec![] };
+        let mut stopper = Stopper { calls: 0, at, wish: ControlFlow::Break(Stop::Abort), stages: vec![] };
         assert_eq!(generator.generate(&request, &mut stopper).map(|m| m.hash()), Err(Error::Aborted));
         assert_eq!(stopper.calls, at);
-        let mut stopper = Stopper { calls: 0, at, wish: Flow::Finish, stages: vec![] };
+        let mut stopper = Stopper { calls: 0, at, wish: ControlFlow::Break(Stop::Finish), stages: vec![] };
         let tokens = generator.generate(&request, &mut stopper).unwrap().tokens().to_vec();
         assert_eq!(tokens, generator.generate(&request.steps(1), &mut ()).unwrap().tokens());
         assert_eq!(generator.generate(&request, &mut ()).unwrap().hash(), hash);

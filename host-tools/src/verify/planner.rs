@@ -4,6 +4,8 @@
 //! of every position. So two planners are compared and not two random walks; what a walk of ten steps makes of the small differences is
 //! reported apart. The same with anchors: those of the clips' own motion, of all families in turn.
 
+use std::ops::ControlFlow;
+
 use motionette::ROWS;
 use motionette::hash::Stream;
 use motionette::memory::Arena;
@@ -154,7 +156,7 @@ pub fn logits(blob: &BlobFile, case: &Case, tokens: &[u16], time: f64) -> Result
     let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits, ROWS).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens.len(), &limits, ROWS).map_err(Error::Arena)?;
-    let mut go_on = || Ok(());
+    let mut go_on = || ControlFlow::Continue(());
     // Nothing interrupts it.
     let _ = session.read(&prompt, &mut go_on).map_err(refused)?;
     let _ = session.anchor(&anchors, tokens.len(), &mut go_on);

@@ -1,11 +1,13 @@
 //! The road from embeddings to joints that the solver works through.
 
 use super::observer::Watch;
-use crate::decoding::decoder::{Interrupted, Workspace};
+use crate::decoding::decoder::Workspace;
 use crate::model::Model;
 use crate::motion::humanml3d::{Features, Path};
 use crate::nn::output::Channels;
-use crate::refining::{ControlError, MotionMap, Stop, TokenGrid};
+use crate::refining::{ControlError, MotionMap, TokenGrid};
+use crate::stop::Stop;
+use core::ops::ControlFlow;
 
 /// The decoder and the recovery of joints as the solver sees them.
 pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
@@ -35,20 +37,12 @@ impl DecoderMap<'_, '_, '_, '_> {
     }
 }
 
-/// Runs a decoder pass with the observer asked at its layer boundaries.
-fn watched(
-    watch: &mut Watch<'_>,
-    pass: impl FnOnce(&mut dyn FnMut() -> Result<(), Interrupted>) -> Result<(), Interrupted>,
-) -> Result<(), Stop> {
-    let mut stop = Stop::Abort;
-    let mut check = || {
-        watch.ask().map_err(|wish| {
-            stop = wish;
-            Interrupted
-        })
-    };
-    let result = pass(&mut check);
-    result.map_err(|Interrupted| stop)
+/// As the solver takes it.
+const fn stopped(flow: ControlFlow<Stop>) -> Result<(), Stop> {
+    match flow {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(stop) => Err(stop),
+    }
 }
 
 impl MotionMap for DecoderMap<'_, '_, '_, '_> {
@@ -65,11 +59,12 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         let limit = self.model.embedding_limit();
         self.in_range = u.iter().all(|v| v.abs() <= limit);
         if !self.in_range {
-            return self.watch.ask();
+            return stopped(self.watch.ask());
         }
         let (decoder, channels) = (self.model.decoder(), self.channels);
         let (values, work) = (&mut *self.values, &mut *self.work);
-        watched(&mut self.watch, |check| decoder.forward(u, channels, values, work, check))?;
+        let watch = &mut self.watch;
+        stopped(decoder.forward(u, channels, values, work, &mut || watch.ask()))?;
         let features =
             Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
         features.integrate(self.path);
@@ -77,7 +72,7 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
     }
 
     fn measured(&mut self, error: &ControlError) -> Result<(), Stop> {
-        self.watch.report(Some(error.mean))
+        stopped(self.watch.report(Some(error.mean)))
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {
@@ -105,6 +100,7 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         features.integrate_gradient(self.path, gradient);
         let (decoder, channels, work) = (self.model.decoder(), self.channels, &mut *self.work);
         let gradient = &*gradient;
-        watched(&mut self.watch, |check| decoder.backward(gradient, channels, du, work, check))
+        let watch = &mut self.watch;
+        stopped(decoder.backward(gradient, channels, du, work, &mut || watch.ask()))
     }
 }

@@ -1,5 +1,6 @@
 //! Runs a request: plans its tokens, embeds them, bends them onto the anchors, decodes the joints.
 
+pub(crate) mod buffers;
 mod decoder_map;
 mod environment;
 mod error;
@@ -7,26 +8,26 @@ mod observer;
 mod plan_tokens;
 mod request;
 mod rotations;
-mod stream;
+pub(crate) mod stream;
 
 pub use error::Error;
-pub use observer::{Flow, Observer, Progress, Stage};
+pub use observer::{Observer, Progress, Stage};
 pub use request::{Request, Source};
 pub use stream::{Frame, MotionStream, Segment};
 
 use crate::JOINTS;
-use crate::decoding::decoder::Interrupted;
 use crate::hash::Fnv;
 use crate::log;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
-use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, channels};
+use crate::motion::humanml3d::{self, Features, Path, channels};
 use crate::perception::anchors::AnchorSet;
 use crate::perception::prompt::Heard;
-use crate::plan::{Limits, Plan, ROWS, StreamLimits, feature_columns, rotation_columns};
+use crate::plan::{Limits, Plan, ROWS, StreamLimits};
 use crate::planning::session::Modules;
 use crate::planning::{self, PlanningError};
-use crate::refining::{self, Objective, SolverError, Stop};
+use crate::refining::{self, Objective, SolverError};
+use buffers::{Decoding, rotation_columns};
 use decoder_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
@@ -171,7 +172,7 @@ impl<'a> Generator<'a> {
     /// # Errors
     /// [`Error::Tokens`] when its length is not allowed, [`Error::Prompt`] or [`Error::Planning`] of a text, [`Error::Anchors`].
     pub fn plan(&self, request: &Request<'_>) -> Result<Plan, Error> {
-        Ok(Plan::for_request(&self.model, &self.check(request)?.limits))
+        Ok(Plan::for_request(&self.model, &self.check(request)?.limits)?)
     }
 
     /// Checks all of a request that can be checked before it runs.
@@ -235,11 +236,14 @@ impl<'a> Generator<'a> {
         let decoder = model.decoder();
 
         let mut arena = Arena::new(self.arena);
-        let too_small = |e: ArenaTooSmall| {
-            Error::Arena(ArenaTooSmall { needed: Plan::for_request(model, &limits).arena_bytes, ..e })
-        };
+        // Nothing is planned that could not be decoded.
+        let (needed, available) = (Plan::for_request(model, &limits)?.arena_bytes, arena.available());
+        let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
+        if needed > available {
+            return Err(Error::Arena(ArenaTooSmall { needed, available }));
+        }
         let quantizers = model.codebooks().quantizers();
-        let tokens = arena.take::<u16>(limits.tokens * quantizers).map_err(too_small)?;
+        let tokens = buffers::tokens(model, &limits, &mut arena).map_err(too_small)?;
         let mut peak = 0;
         let mut unconditioned = anchors.len() as u16;
         let mut made = Planned { tokens: limits.tokens, heard: Heard::default() };
@@ -247,11 +251,6 @@ impl<'a> Generator<'a> {
             (request.source, &limits.planning, model.planning())
         {
             let shortest = anchors.last_frame().map_or(1, |f| usize::from(f) / model.frames_per_token().max(1) + 1);
-            // Nothing is planned that could not be decoded.
-            let (needed, available) = (Plan::for_request(model, &limits).arena_bytes, arena.available());
-            if needed > available {
-                return Err(Error::Arena(ArenaTooSmall { needed, available }));
-            }
             let mut overlay = arena.overlay();
             let plan = &request.planning;
             made = plan_tokens(
@@ -274,30 +273,16 @@ impl<'a> Generator<'a> {
         // A predicted length may be shorter than what the buffers are made for.
         let frames = made.tokens * model.frames_per_token();
         let tokens = part_mut!(tokens, ..made.tokens * quantizers);
-        let mut take = |count| arena.take::<f32>(count).map_err(too_small);
-        let most = limits.tokens * model.frames_per_token();
-        let u = take(limits.tokens * decoder.code_width())?;
+        let Decoding { u, features, mut path, mut work, .. } =
+            Decoding::take(model, &limits, &mut arena).map_err(too_small)?;
         let u = part_mut!(u, ..made.tokens * decoder.code_width());
-        let features = take(most * feature_columns(limits.anchors))?;
-        let mut path = Path {
-            cos: take(most)?,
-            sin: take(most)?,
-            x: take(most)?,
-            z: take(most)?,
-            d_angle: take(most)?,
-            d_x: take(most)?,
-            d_z: take(most)?,
-        };
-        let mut work =
-            decoder.workspace(&mut arena, limits.tokens, POSITION_CHANNELS, limits.rows).map_err(too_small)?;
         let tokens = embed(model, request.source, tokens, u)?;
 
         let mut refinement = None;
         if limits.anchors > 0 {
             let config = limits.refinement;
-            let scratch = refining::scratch_len(limits.tokens, decoder.code_width(), limits.anchors, &config);
             let mut overlay = arena.overlay();
-            let scratch = overlay.take::<f32>(scratch).map_err(too_small)?;
+            let scratch = buffers::solver(model, &limits, &mut overlay).map_err(too_small)?;
             peak = peak.max(overlay.used());
             let objective = Objective::new(&anchors, &config);
             let selected = channels(objective.joints());
@@ -326,16 +311,13 @@ impl<'a> Generator<'a> {
         let all = channels(u32::MAX);
         let values = part_mut!(features, ..frames * all.count());
         let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
-        // A wish to finish is granted by carrying on: this pass is the end.
-        let mut check = || match watch.ask() {
-            Err(Stop::Abort) => Err(Interrupted),
-            Ok(()) | Err(Stop::Finish) => Ok(()),
-        };
+        let (q, scales) = buffers::rotation_rows(model, &limits, &mut arena).map_err(too_small)?;
         let columns = rotation_columns(decoder.output());
-        let (q, scales) = (arena.take(most * columns), arena.take(if columns > 0 { most } else { 0 }));
-        let (q, scales) = (q.map_err(too_small)?, scales.map_err(too_small)?);
-        work.keep(part_mut!(q, ..frames * columns), part_mut!(scales, ..frames));
-        decoder.forward(u, &all, values, &mut work, &mut check).map_err(|Interrupted| Error::Aborted)?;
+        let kept = if columns > 0 { frames } else { 0 };
+        work.keep(part_mut!(q, ..kept * columns), part_mut!(scales, ..kept));
+        if decoder.forward(u, &all, values, &mut work, &mut || watch.ask_at_the_end()).is_break() {
+            return Err(Error::Aborted);
+        }
         let (mean, std) = (model.mean(), model.std());
         Features { values, channels: &all, mean, std }.integrate(&mut path);
         let joints = humanml3d::joints(values, &path, mean, std);

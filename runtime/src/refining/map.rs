@@ -2,17 +2,7 @@
 
 use super::grid::TokenGrid;
 use super::report::ControlError;
-
-/// Wish of whoever watches the work, delivered through a [`MotionMap`] in the middle of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Stop {
-    /// Stop at once; the result is not wanted. [`solve`](super::solve) returns
-    /// [`SolverError::Aborted`](super::SolverError::Aborted).
-    Abort,
-    /// Stop at once and return the best so far.
-    Finish,
-}
+use crate::stop::Stop;
 
 /// The differentiable road from token embeddings `u [tokens][width]` to joint positions.
 ///

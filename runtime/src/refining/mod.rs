@@ -32,9 +32,10 @@ pub mod terms;
 mod tests;
 mod vector;
 
+pub use crate::stop::Stop;
 pub use config::{Activity, Basis, Config, Method, PerFamily};
 pub use grid::TokenGrid;
-pub use map::{MotionMap, Stop};
+pub use map::MotionMap;
 pub use methods::{scratch_len, solve};
 pub use metric::Prior;
 pub use report::{ControlError, Report, SolverError, StopReason};
