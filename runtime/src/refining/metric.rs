@@ -246,7 +246,9 @@ impl Triangle<'_> {
         let mut square = 0.0;
         for i in 0..self.rows {
             let Some((head, tail)) = v.split_at_mut_checked(i) else { return broken(square) };
-            let (Some(value), Some((pivot, row))) = (tail.first_mut(), self.row(i).split_last()) else { return broken(square) };
+            let (Some(value), Some((pivot, row))) = (tail.first_mut(), self.row(i).split_last()) else {
+                return broken(square);
+            };
             *value = (*value - dot(row, head)) * pivot;
             square += *value * *value;
         }
@@ -257,7 +259,9 @@ impl Triangle<'_> {
     fn finish(&self, v: &mut [f32]) {
         for i in (0..self.rows).rev() {
             let Some((head, tail)) = v.split_at_mut_checked(i) else { return broken(()) };
-            let (Some(value), Some((pivot, row))) = (tail.first_mut(), self.row(i).split_last()) else { return broken(()) };
+            let (Some(value), Some((pivot, row))) = (tail.first_mut(), self.row(i).split_last()) else {
+                return broken(());
+            };
             *value *= pivot;
             axpy(head, -*value, row);
         }
