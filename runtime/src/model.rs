@@ -5,14 +5,14 @@ use crate::blob::{
     Card, Error, HEADER_LEN, Header, MAX_BLOCKS, MAX_LAYERS, MAX_STAGES, MAX_TENSORS, MINOR, Manifest, Representation,
     Sampler, TransformerConfig,
 };
+use crate::conditioning::scaffold_encoder::Timing;
 use crate::decoding::codebook::{Codebooks, MAX_QUANTIZERS};
 use crate::decoding::decoder::Decoder;
 use crate::motion::humanml3d;
 use crate::perception::Text;
-use crate::perception::anchors::FAMILIES;
-use crate::perception::scaffold_encoder::Timing;
 use crate::planning::session::Modules;
 use crate::planning::{Control, Planner};
+use crate::request::conditions::FAMILIES;
 
 /// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
 pub const MAX_MAGNITUDE: f32 = 1e28;

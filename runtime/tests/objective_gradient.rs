@@ -4,9 +4,9 @@
 mod mock;
 
 use mock::{JOINTS, Mock, Random};
-use motionette::perception::anchors::{Anchor, Target};
 use motionette::refining::terms::anchors::Distances;
 use motionette::refining::{Config, MotionMap, Objective};
+use motionette::request::conditions::{Anchor, Target};
 
 /// `J` without the trust region from the definition (AnchorRoute eq. 26-28).
 fn oracle(mock: &mut Mock, u: &[f64], anchors: &[Anchor], config: &Config) -> f64 {

@@ -3,9 +3,9 @@
 mod mock;
 
 use mock::{Mock, Random};
-use motionette::perception::anchors::{Anchor, AnchorSet, Family};
 use motionette::refining::metric::{Prior, ResidualMetric, Residuals, factor_len};
 use motionette::refining::{Config, MotionMap, Objective, Prior as Exported, scratch_len, solve};
+use motionette::request::conditions::{Anchor, AnchorSet, Family};
 
 const PRIOR: Prior = Prior { root: 1.3, yaw: 0.7, body: 0.9, height: 0.2, range: 1.25, floor: 0.02 };
 

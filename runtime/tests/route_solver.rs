@@ -5,7 +5,6 @@
 mod mock;
 
 use mock::{Mock, Random};
-use motionette::perception::anchors::{Anchor, AnchorSet};
 use motionette::refining::activity::{Random as Shuffler, activities};
 use motionette::refining::basis::{IntervalBasis, MAX_INTERVALS, values_len};
 use motionette::refining::terms::Point;
@@ -16,6 +15,7 @@ use motionette::refining::{
     Activity, Basis, Config, MotionMap, Objective, PerFamily, Report, SolverError, StopReason, TokenGrid, scratch_len,
     solve,
 };
+use motionette::request::conditions::{Anchor, AnchorSet};
 
 const TOKENS: usize = 25;
 const WIDTH: usize = 16;

@@ -3,8 +3,8 @@
 mod mock;
 
 use mock::{Mock, StopAt};
-use motionette::perception::anchors::AnchorSet;
 use motionette::refining::{Config, MotionMap, Objective, Report, SolverError, Stop, StopReason, scratch_len, solve};
+use motionette::request::conditions::AnchorSet;
 
 const TOKENS: usize = 12;
 const WIDTH: usize = 8;

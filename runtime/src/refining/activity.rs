@@ -12,7 +12,7 @@ use super::basis::{IntervalBasis, MAX_INTERVALS};
 use super::config::{Activity, PerFamily};
 use super::terms::anchors::Distances;
 use super::vector::{broken, larger};
-use crate::perception::anchors::AnchorSet;
+use crate::request::conditions::AnchorSet;
 
 /// Small seeded generator (xorshift32) for the shuffled ablation.
 #[derive(Clone, Copy, Debug)]

@@ -16,7 +16,7 @@
 use super::config::Basis;
 use super::grid::TokenGrid;
 use super::vector::{axpy, broken, clear, dot, next_part, next_part_mut, rows, rows_mut};
-use crate::perception::anchors::{AnchorSet, MAX_ANCHORS};
+use crate::request::conditions::{AnchorSet, MAX_ANCHORS};
 
 /// Most intervals: the anchor frames and both ends.
 pub const MAX_INTERVALS: usize = MAX_ANCHORS + 1;

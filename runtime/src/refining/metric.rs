@@ -15,7 +15,7 @@
 
 use super::MotionMap;
 use super::vector::{axpy, broken, clear, dot};
-use crate::perception::anchors::{AnchorSet, Family, MAX_ANCHORS, Observed};
+use crate::request::conditions::{AnchorSet, Family, MAX_ANCHORS, Observed};
 
 /// Tokens that count as one in the root and yaw terms.
 const TIME_UNIT: f32 = 25.0;

@@ -8,7 +8,7 @@ use std::vec::Vec;
 use super::terms::Floor;
 use super::{Basis, Config, MotionMap, Objective, Report, Stop, StopReason, Term, TokenGrid, scratch_len, solve};
 use crate::JOINTS;
-use crate::perception::anchors::{Anchor, AnchorSet};
+use crate::request::conditions::{Anchor, AnchorSet};
 
 const WIDTH: usize = 3 * JOINTS;
 const GRID: TokenGrid = TokenGrid { tokens: 6, frames_per_token: 1 };

@@ -7,8 +7,8 @@
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
-use motionette::perception::anchors::{Anchor, AnchorSet};
 use motionette::refining::{MotionMap, Stop, TokenGrid};
+use motionette::request::conditions::{Anchor, AnchorSet};
 
 pub const JOINTS: usize = 22;
 /// Yaw velocity, planar velocity, height, 21 local positions.

@@ -12,7 +12,7 @@ use super::report::{Report, SolverError, StopReason};
 use super::terms::{Objective, Point};
 use super::vector::{clear, copy, squared_distance};
 use super::{MotionMap, Stop};
-use crate::perception::anchors::AnchorSet;
+use crate::request::conditions::AnchorSet;
 
 /// Most frames of a motion: anchors and intervals count them in 16 bits.
 const MAX_FRAMES: usize = 1 << 16;

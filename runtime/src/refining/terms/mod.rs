@@ -20,7 +20,7 @@ use super::MotionMap;
 use super::config::Config;
 use super::metric::{ResidualMetric, Residuals};
 use crate::JOINTS;
-use crate::perception::anchors::AnchorSet;
+use crate::request::conditions::AnchorSet;
 use anchors::{AnchorTerm, Distances};
 use feasibility::Feasibility;
 #[cfg(test)]

@@ -10,9 +10,9 @@
 //!
 //! Frames are computed one at a time from the anchors and a second derivative an anchor and axis: nothing is kept a frame.
 
-use super::anchors::{AnchorSet, MAX_ANCHORS, Observed};
 use crate::JOINTS;
 use crate::blob::{Error, Tensors};
+use crate::request::conditions::{AnchorSet, MAX_ANCHORS, Observed};
 use heapless::Vec;
 
 /// Values of all components.
@@ -80,7 +80,7 @@ impl<'s> Scaffold<'s> {
     /// Numbers that [`Scaffold::new`] needs.
     pub const NUMBERS: usize = 3 * MAX_ANCHORS;
 
-    /// The curves through those of `anchors` that belong to `families`, a set of [`super::anchors::Family::bit`]s, at `rate` frames a
+    /// The curves through those of `anchors` that belong to `families`, a set of [`crate::request::conditions::Family::bit`]s, at `rate` frames a
     /// second; their second derivatives into `bends`, [`Scaffold::NUMBERS`] of them.
     #[must_use]
     pub fn new(

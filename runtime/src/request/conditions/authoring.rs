@@ -2,10 +2,11 @@
 
 use heapless::Vec;
 
+use super::anchors::{Anchor, MAX_ANCHORS, Target};
+use super::set::AnchorError;
 #[cfg(test)]
-use super::anchors::AnchorSet;
-use super::anchors::{Anchor, AnchorError, MAX_ANCHORS, Target};
-use super::joint::Joint;
+use super::set::AnchorSet;
+use crate::request::joint::Joint;
 
 /// A list of anchors in the making, for [`Request::through`](crate::Request::through).
 ///

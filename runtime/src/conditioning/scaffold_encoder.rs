@@ -3,7 +3,6 @@
 //! `f_t = relu(frame c_t)`, `h_l = merge [f of the token's frames, one behind another]`, then an [`Encoder`]: positions, blocks,
 //! norm, mean. Features `c_t` are those of [`super::scaffold`].
 
-use super::anchors::AnchorSet;
 use super::scaffold::{LIMIT, Scaffold, Statistics, WIDTH};
 use crate::blob::{Activation, ControlConfig, Error, Tensors};
 use crate::nn::activation;
@@ -12,6 +11,7 @@ use crate::nn::block::{self, Scratch, Sizes, below};
 use crate::nn::encoder::Encoder;
 use crate::nn::linear::{LEAST_ROWS, Linear};
 use crate::nn::norm::MAX_INPUT;
+use crate::request::conditions::AnchorSet;
 use crate::stop::{Check, Stop};
 use core::ops::ControlFlow;
 
