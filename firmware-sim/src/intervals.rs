@@ -1,11 +1,11 @@
 //! The intervals between anchors on the token grid, and how active they are at finished motions: asked of the runtime's solver.
 
 use motionette::Anchor;
-use motionette::perception::anchors::{AnchorError, AnchorSet};
 use motionette::refining::activity::{Random, activities};
 use motionette::refining::basis::{self, IntervalBasis};
 use motionette::refining::terms::anchors::Distances;
 use motionette::refining::{Activity, Basis, PerFamily, TokenGrid};
+use motionette::request::conditions::{AnchorError, AnchorSet};
 use motionette_host::motion::Pose;
 use serde::Serialize;
 

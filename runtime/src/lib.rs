@@ -15,7 +15,9 @@
 //! - [`plan`]: bytes and work of a request before it runs. Knows sizes, never data.
 //! - [`refining`]: the anchor solver. Knows a differentiable [`refining::MotionMap`], not the decoder behind it.
 //! - [`playback`]: motions onto servos: inverse kinematics, fades, limits, outputs. Knows joints and frames, not how they were made.
-//! - [`perception`]: anchors, their validation and their scaffold, prompts and what they say. Knows frames, joints and words.
+//! - [`request`]: joints by name, anchors and their validation. Knows frames and joints, no model.
+//! - [`perception`]: prompts and what they say. Knows words.
+//! - [`conditioning`]: anchors as the planner sees them: their scaffold and its encoder. Knows anchors and networks.
 //! - [`planning`]: prompts and scaffolds to motion tokens: transformer and sampler. Does not know what a token moves.
 //! - [`decoding`]: token embeddings to motion features, whole with the gradient back, or in segments with the same bits. Knows
 //!   nothing of anchors.
@@ -75,6 +77,7 @@ mod invariant;
 
 mod angle;
 pub mod blob;
+pub mod conditioning;
 pub mod decoding;
 pub mod generator;
 pub mod hash;
@@ -89,6 +92,7 @@ pub mod plan;
 pub mod planning;
 pub mod playback;
 pub mod refining;
+pub mod request;
 pub mod stop;
 
 pub use generator::{
@@ -96,12 +100,11 @@ pub use generator::{
 };
 pub use model::Model;
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
-pub use perception::anchors::{Anchor, Target};
-pub use perception::authoring::{AnchorList, Anchors};
-pub use perception::joint::Joint;
 pub use perception::prompt::Prompt;
 pub use plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
 pub use planning::{Fixed, Length, Planning, Sampling, Schedule};
+pub use request::conditions::{Anchor, AnchorList, Anchors, Target};
+pub use request::joint::Joint;
 pub use stop::Stop;
 
 /// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).

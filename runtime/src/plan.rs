@@ -6,11 +6,11 @@ use crate::generator::stream;
 use crate::memory::Arena;
 use crate::model::Model;
 use crate::motion::humanml3d::channels;
-use crate::perception::anchors::MAX_ANCHORS;
 use crate::planning;
 use crate::planning::request::MAX_STEPS;
 use crate::planning::session::Modules;
 use crate::refining::{self, Config};
+use crate::request::conditions::MAX_ANCHORS;
 
 /// The largest request that is to be served.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,6 @@
 //! Validation of anchors: every kind of bad list, order, duplicates, conflicts.
 
-use motionette::perception::anchors::{Anchor, AnchorError, AnchorSet, FARTHEST, Family, MAX_ANCHORS};
+use motionette::request::conditions::{Anchor, AnchorError, AnchorSet, FARTHEST, Family, MAX_ANCHORS};
 
 const FRAMES: usize = 100;
 

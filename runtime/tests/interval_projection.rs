@@ -5,9 +5,9 @@
 mod mock;
 
 use mock::Random;
-use motionette::perception::anchors::{Anchor, AnchorSet};
 use motionette::refining::basis::{IntervalBasis, MAX_INTERVALS, RIDGE_FLOOR, most_coefficients, values_len};
 use motionette::refining::{Basis, TokenGrid};
+use motionette::request::conditions::{Anchor, AnchorSet};
 
 const BASES: [Basis; 5] = [Basis::Transport, Basis::Slope, Basis::Affine, Basis::Quadratic, Basis::Cubic];
 

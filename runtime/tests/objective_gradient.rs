@@ -4,9 +4,9 @@
 mod mock;
 
 use mock::{JOINTS, Mock, Random};
-use motionette::perception::anchors::{Anchor, Target};
 use motionette::refining::terms::anchors::Distances;
 use motionette::refining::{Config, MotionMap, Objective};
+use motionette::request::conditions::{Anchor, Target};
 
 /// `J` without the trust region from the definition (AnchorRoute eq. 26-28).
 fn oracle(mock: &mut Mock, u: &[f64], anchors: &[Anchor], config: &Config) -> f64 {
@@ -83,11 +83,11 @@ fn value_and_gradient_match_the_definition() {
         let set = mock.set(&anchors);
         for config in weights() {
             let objective = Objective::new(&set, &config);
-            mock.forward(&start).unwrap();
+            assert!(mock.forward(&start).is_continue());
             let value = f64::from(objective.measure(&mock, 0.0, None).objective);
             objective.gather(&mut mock, None);
             let mut gradient = vec![0.0; start.len()];
-            mock.backward(&mut gradient).unwrap();
+            assert!(mock.backward(&mut gradient).is_continue());
 
             let expected = oracle(&mut mock, &wide, &anchors, &config);
             assert!((value - expected).abs() < 1e-5 * expected, "{value} {expected}");
@@ -113,7 +113,7 @@ fn every_term_moves_the_value() {
     let mut mock = Mock::new(2, 7, 5);
     let start = mock.embeddings(4);
     let set = mock.set(&cases()[3]);
-    mock.forward(&start).unwrap();
+    assert!(mock.forward(&start).is_continue());
     let values: Vec<f32> =
         weights().iter().map(|config| Objective::new(&set, config).measure(&mock, 0.0, None).objective).collect();
     assert!(values[1] > 1.01 * values[0] && values[2] > 1.01 * values[0], "{values:?}");
@@ -123,7 +123,7 @@ fn every_term_moves_the_value() {
 fn errors_are_distances_in_the_controlled_subspace() {
     let mut mock = Mock::new(2, 7, 5);
     let start = mock.embeddings(4);
-    mock.forward(&start).unwrap();
+    assert!(mock.forward(&start).is_continue());
     let [x, y, z] = mock.position(0, 12);
     let [wx, wy, wz] = mock.position(20, 5);
     let anchors = [

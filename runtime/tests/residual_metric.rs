@@ -3,9 +3,9 @@
 mod mock;
 
 use mock::{Mock, Random};
-use motionette::perception::anchors::{Anchor, AnchorSet, Family};
 use motionette::refining::metric::{Prior, ResidualMetric, Residuals, factor_len};
 use motionette::refining::{Config, MotionMap, Objective, Prior as Exported, scratch_len, solve};
+use motionette::request::conditions::{Anchor, AnchorSet, Family};
 
 const PRIOR: Prior = Prior { root: 1.3, yaw: 0.7, body: 0.9, height: 0.2, range: 1.25, floor: 0.02 };
 
@@ -91,7 +91,7 @@ fn applies_the_inverse_covariance() {
         [(1, 20, 4), (2, 20, 4), (5, 20, 4), (9, 20, 4), (32, 20, 4), (7, 40, 2), (7, 10, 8)]
     {
         let mut mock = Mock::with_frames_per_token(5, tokens, 6, frames_per_token);
-        mock.forward(&mock.embeddings(3)).unwrap();
+        assert!(mock.forward(&mock.embeddings(3)).is_continue());
         let set = mock.set(&places(count as u64, count, 80));
         let mut numbers = vec![f32::NAN; factor_len(count)];
         let metric = ResidualMetric::new(&set, &mock, &PRIOR, &mut numbers).expect("positive definite");
@@ -121,7 +121,7 @@ fn applies_the_inverse_covariance() {
 #[test]
 fn the_metric_asks_for_a_position_an_anchor_and_one_a_token() {
     let mut mock = Mock::new(5, 49, 6);
-    mock.forward(&mock.embeddings(3)).unwrap();
+    assert!(mock.forward(&mock.embeddings(3)).is_continue());
     let set = mock.set(&places(1, 32, 196));
     mock.asked.set(0);
     ResidualMetric::new(&set, &mock, &PRIOR, &mut vec![0.0; factor_len(32)]).expect("positive definite");
@@ -131,7 +131,7 @@ fn the_metric_asks_for_a_position_an_anchor_and_one_a_token() {
 #[test]
 fn a_prior_without_variance_is_no_metric() {
     let mut mock = Mock::new(5, 20, 6);
-    mock.forward(&mock.embeddings(3)).unwrap();
+    assert!(mock.forward(&mock.embeddings(3)).is_continue());
     let set = mock.set(&places(1, 4, 80));
     let nothing = Prior { root: 0.0, yaw: 0.0, body: 0.0, height: 0.0, ..PRIOR };
     let wrong = Prior { root: f32::NAN, ..PRIOR };

@@ -5,7 +5,6 @@
 mod mock;
 
 use mock::{Mock, Random};
-use motionette::perception::anchors::{Anchor, AnchorSet};
 use motionette::refining::activity::{Random as Shuffler, activities};
 use motionette::refining::basis::{IntervalBasis, MAX_INTERVALS, values_len};
 use motionette::refining::terms::Point;
@@ -16,6 +15,7 @@ use motionette::refining::{
     Activity, Basis, Config, MotionMap, Objective, PerFamily, Report, SolverError, StopReason, TokenGrid, scratch_len,
     solve,
 };
+use motionette::request::conditions::{Anchor, AnchorSet};
 
 const TOKENS: usize = 25;
 const WIDTH: usize = 16;
@@ -114,16 +114,16 @@ fn the_report_describes_the_result() {
         let objective = Objective::new(&set, &config);
         let mut lowest = f32::INFINITY;
         for seen in mock.seen.clone() {
-            mock.forward(&seen).unwrap();
+            assert!(mock.forward(&seen).is_continue());
             let squared: f32 = seen.iter().zip(&start).map(|(a, b)| (a - b) * (a - b)).sum();
             lowest = lowest.min(objective.measure(&mock, squared, None).objective);
         }
-        mock.forward(&u).unwrap();
+        assert!(mock.forward(&u).is_continue());
         let Point { objective: value, distances, .. } = objective.measure(&mock, squared, None);
         assert!((value - lowest).abs() <= 1e-5 * lowest, "{value} {lowest}");
         assert!((report.objective_after - lowest).abs() <= 1e-5 * lowest);
         assert_eq!(report.after, Some(distances.control_error(&set)));
-        mock.forward(&start).unwrap();
+        assert!(mock.forward(&start).is_continue());
         assert_eq!(report.before, Some(distances_of(&mock, &set).control_error(&set)));
     }
 }
@@ -133,11 +133,11 @@ fn one_published_step_is_the_projected_adam_step() {
     // After one step Adam moves every number by rate * g / (|g| + eps); then the projection.
     let config = Config { trust: 0.0, smoothness: 0.0, ..Config::published(1) };
     let (mut mock, start, set) = problem(0, 4, 2);
-    mock.forward(&start).unwrap();
+    assert!(mock.forward(&start).is_continue());
     let distances = distances_of(&mock, &set);
     Objective::new(&set, &config).gather(&mut mock, None);
     let mut delta = vec![0.0; start.len()];
-    mock.backward(&mut delta).unwrap();
+    assert!(mock.backward(&mut delta).is_continue());
     for g in &mut delta {
         *g = -config.learning_rate.root_3d * *g / (g.abs() + 1e-8);
     }
@@ -187,7 +187,7 @@ fn ablations_rank_by_freedom() {
 #[test]
 fn activity_kinds_do_what_they_say() {
     let (mut mock, u, set) = problem(2, 8, 4);
-    mock.forward(&u).unwrap();
+    assert!(mock.forward(&u).is_continue());
     let distances = distances_of(&mock, &set);
     let mut values = vec![0.0; values_len(TOKENS, Basis::Affine)];
     let basis = IntervalBasis::new(&set, GRID, Basis::Affine, &mut values);
@@ -246,7 +246,7 @@ fn terms_trade_control_for_quality() {
     let solve_with = |config: Config| {
         let (mut mock, mut u, set) = problem(0, 6, 6);
         let report = run(&mut mock, &mut u, &set, &config);
-        mock.forward(&u).unwrap();
+        assert!(mock.forward(&u).is_continue());
         (report, Smoothness::new(&set, 1.0).value(&mock), Feasibility::new(1.0, 0.03).value(&mock))
     };
     for base in [Config::fast(40), Config::published(60)] {
@@ -292,7 +292,7 @@ fn tolerance_is_that_of_the_result() {
                 met += usize::from(worst <= stop_error);
                 let evaluated = mock.seen.clone();
                 seen += usize::from(evaluated.iter().any(|u| {
-                    mock.forward(u).unwrap();
+                    assert!(mock.forward(u).is_continue());
                     worst > stop_error && distances_of(&mock, &set).control_error(&set).worst <= stop_error
                 }));
             }
@@ -304,7 +304,7 @@ fn tolerance_is_that_of_the_result() {
 #[test]
 fn met_anchors_cost_one_evaluation() {
     let (mut mock, mut u, _) = problem(0, 1, 1);
-    mock.forward(&u).unwrap();
+    assert!(mock.forward(&u).is_continue());
     let set = mock.set(&[Anchor::root(50, mock.position(0, 50))]);
     mock.forwards = 0;
     let start = u.clone();

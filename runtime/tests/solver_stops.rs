@@ -3,8 +3,8 @@
 mod mock;
 
 use mock::{Mock, StopAt};
-use motionette::perception::anchors::AnchorSet;
 use motionette::refining::{Config, MotionMap, Objective, Report, SolverError, Stop, StopReason, scratch_len, solve};
+use motionette::request::conditions::AnchorSet;
 
 const TOKENS: usize = 12;
 const WIDTH: usize = 8;
@@ -28,7 +28,7 @@ fn run(mock: &mut Mock, u: &mut [f32], set: &AnchorSet, config: &Config) -> Resu
 /// `J` at `u`, and that `u` is one of the points evaluated.
 fn objective(mock: &Mock, u: &[f32], start: &[f32], set: &AnchorSet, config: &Config) -> f32 {
     let mut fresh = Mock::new(3, TOKENS, WIDTH);
-    fresh.forward(u).unwrap();
+    assert!(fresh.forward(u).is_continue());
     assert!(mock.seen.iter().any(|seen| seen == u), "the result was evaluated");
     let squared: f32 = u.iter().zip(start).map(|(a, b)| (a - b) * (a - b)).sum();
     Objective::new(set, config).measure(&fresh, squared, None).objective

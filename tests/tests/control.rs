@@ -2,12 +2,12 @@
 //! f64 oracle, and what a request notices of them.
 
 use motionette::blob::{ControlConfig, Error as BlobError, Norm, TransformerConfig};
+use motionette::conditioning::scaffold::{self, Scaffold, Statistics};
 use motionette::hash::Stream;
 use motionette::memory::Arena;
-use motionette::perception::anchors::{AnchorSet, FAMILIES, MAX_ANCHORS};
-use motionette::perception::scaffold::{self, Scaffold, Statistics};
 use motionette::planning::{Limits, Session};
 use motionette::refining::Config;
+use motionette::request::conditions::{AnchorSet, FAMILIES, MAX_ANCHORS};
 use motionette::{
     Anchor, Error, Generator, Length, Model, Observer, Planning, Progress, Prompt, ROWS, Request, Stage, Stop, Target,
 };

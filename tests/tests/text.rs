@@ -2,12 +2,12 @@
 
 use motionette::blob::{Error as BlobError, TransformerConfig};
 use motionette::hash::Stream;
-use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::PromptError;
 use motionette::perception::text::MAX_PROMPT;
 use motionette::planning::sampling::SamplingError;
 use motionette::planning::{Limits, PlanningError, Session};
 use motionette::refining::Config;
+use motionette::request::conditions::AnchorSet;
 use motionette::{
     Anchor, Error, Fixed, Generator, Length, Model, Motion, Observer, Planning, Progress, Prompt, Request, Sampling,
     Schedule, Stage, Stop,

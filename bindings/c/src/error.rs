@@ -2,7 +2,7 @@
 
 use core::ffi::{CStr, c_char};
 
-use motionette::perception::anchors::AnchorError;
+use motionette::request::conditions::AnchorError;
 use motionette::perception::prompt::PromptError;
 use motionette::planning::PlanningError;
 use motionette::refining::SolverError;

@@ -2,7 +2,7 @@
 
 use core::ffi::c_void;
 
-use motionette::perception::anchors::MAX_ANCHORS;
+use motionette::request::conditions::MAX_ANCHORS;
 use motionette::perception::prompt::PromptError;
 use motionette::planning::{self, PlanningError, request::MAX_STEPS};
 use motionette::refining::Config;

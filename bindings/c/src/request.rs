@@ -14,7 +14,7 @@ pub const MTN_JOINTS: usize = 22;
 /// Most anchors of a request.
 pub const MTN_MAX_ANCHORS: usize = 32;
 
-const _: () = assert!(MTN_JOINTS == JOINTS && MTN_MAX_ANCHORS == motionette::perception::anchors::MAX_ANCHORS);
+const _: () = assert!(MTN_JOINTS == JOINTS && MTN_MAX_ANCHORS == motionette::request::conditions::MAX_ANCHORS);
 
 /// What an anchor holds: one of `MTN_FAMILY_*`.
 pub type mtn_family = u8;

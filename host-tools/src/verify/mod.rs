@@ -71,7 +71,7 @@ pub enum Error {
         /// The clip's name.
         clip: String,
         /// Why.
-        source: motionette::perception::anchors::AnchorError,
+        source: motionette::request::conditions::AnchorError,
     },
     /// The planner took more memory than it said.
     #[error("the runtime's planner says: {0}")]

@@ -9,9 +9,9 @@ use std::ops::ControlFlow;
 use motionette::ROWS;
 use motionette::hash::Stream;
 use motionette::memory::Arena;
-use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::Prompt;
 use motionette::planning::{Length, Limits, Planning, Session};
+use motionette::request::conditions::AnchorSet;
 use motionette::{Anchor as RuntimeAnchor, Request};
 use serde::Serialize;
 

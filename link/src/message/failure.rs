@@ -3,9 +3,9 @@
 use core::fmt;
 
 use motionette::Error;
-use motionette::perception::anchors::AnchorError;
 use motionette::perception::prompt::PromptError;
 use motionette::planning::PlanningError;
+use motionette::request::conditions::AnchorError;
 use serde::{Deserialize, Serialize};
 
 /// [`motionette::Error`] on the wire: why a job gave no motion.

@@ -37,14 +37,6 @@ impl DecoderMap<'_, '_, '_, '_> {
     }
 }
 
-/// As the solver takes it.
-const fn stopped(flow: ControlFlow<Stop>) -> Result<(), Stop> {
-    match flow {
-        ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(stop) => Err(stop),
-    }
-}
-
 impl MotionMap for DecoderMap<'_, '_, '_, '_> {
     fn grid(&self) -> TokenGrid {
         TokenGrid { tokens: self.tokens, frames_per_token: self.model.frames_per_token() }
@@ -54,25 +46,25 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         self.model.decoder().code_width()
     }
 
-    fn forward(&mut self, u: &[f32]) -> Result<(), Stop> {
+    fn forward(&mut self, u: &[f32]) -> ControlFlow<Stop> {
         self.watch.evaluation = self.watch.evaluation.saturating_add(1);
         let limit = self.model.embedding_limit();
         self.in_range = u.iter().all(|v| v.abs() <= limit);
         if !self.in_range {
-            return stopped(self.watch.ask());
+            return self.watch.ask();
         }
         let (decoder, channels) = (self.model.decoder(), self.channels);
         let (values, work) = (&mut *self.values, &mut *self.work);
         let watch = &mut self.watch;
-        stopped(decoder.forward(u, channels, values, work, &mut || watch.ask()))?;
+        decoder.forward(u, channels, values, work, &mut || watch.ask())?;
         let features =
             Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
         features.integrate(self.path);
-        Ok(())
+        ControlFlow::Continue(())
     }
 
-    fn measured(&mut self, error: &ControlError) -> Result<(), Stop> {
-        stopped(self.watch.report(Some(error.mean)))
+    fn measured(&mut self, error: &ControlError) -> ControlFlow<Stop> {
+        self.watch.report(Some(error.mean))
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {
@@ -92,7 +84,7 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         features.add_gradient(self.path, self.gradient, usize::from(joint), frame, d);
     }
 
-    fn backward(&mut self, du: &mut [f32]) -> Result<(), Stop> {
+    fn backward(&mut self, du: &mut [f32]) -> ControlFlow<Stop> {
         let features =
             Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
         let used = self.values.len();
@@ -101,6 +93,6 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         let (decoder, channels, work) = (self.model.decoder(), self.channels, &mut *self.work);
         let gradient = &*gradient;
         let watch = &mut self.watch;
-        stopped(decoder.backward(gradient, channels, du, work, &mut || watch.ask()))
+        decoder.backward(gradient, channels, du, work, &mut || watch.ask())
     }
 }

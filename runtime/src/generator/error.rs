@@ -2,11 +2,11 @@
 
 use crate::decoding::codebook::TokenOutOfRange;
 use crate::memory::ArenaTooSmall;
-use crate::perception::anchors::AnchorError;
 use crate::perception::prompt::PromptError;
 use crate::plan::PlanError;
 use crate::planning::PlanningError;
 use crate::refining::SolverError;
+use crate::request::conditions::AnchorError;
 
 /// Why a request gave no motion. The generator is usable afterwards.
 #[derive(Debug, Clone, Copy, PartialEq)]

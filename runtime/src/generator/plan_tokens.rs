@@ -4,10 +4,10 @@ use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
 use crate::hash::Stream;
 use crate::memory::Arena;
-use crate::perception::anchors::AnchorSet;
 use crate::perception::prompt::{Heard, Prompt};
 use crate::planning::session::Modules;
 use crate::planning::{Length, Limits, Planning, Session};
+use crate::request::conditions::AnchorSet;
 use crate::stop::Stop;
 use core::ops::ControlFlow;
 

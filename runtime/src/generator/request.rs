@@ -1,9 +1,9 @@
 //! What is to be made.
 
-use crate::perception::authoring::{AnchorList, AsAnchors};
 use crate::perception::prompt::Prompt;
 use crate::planning::{Fixed, Length, Planning, Sampling, Schedule};
 use crate::refining::Config;
+use crate::request::conditions::{AnchorList, AsAnchors};
 
 /// Where the motion comes from.
 #[derive(Debug, Clone, Copy)]

@@ -3,7 +3,7 @@
 use super::MAX_TOKENS;
 use super::value::{MAX_WIDTH, all_at_most, at_most, transformer, within};
 use crate::blob::{Codec, Error, Generator};
-use crate::perception::anchors::FAMILIES;
+use crate::request::conditions::FAMILIES;
 
 /// Checks the generator of tokens for `codec`, in a blob that knows text or not.
 pub(super) fn check(generator: &Generator, codec: &Codec, text: bool) -> Result<(), Error> {

@@ -14,10 +14,10 @@ use crate::blob::{
     ALIGNMENT, Card, Codec, Error, Generator, HEADER_LEN, Header, MAX_TENSORS, MINOR, Manifest, SelfTest, Skeleton,
     Tensors,
 };
+use crate::conditioning::scaffold_encoder::Timing;
 use crate::decoding::codebook::Codebooks;
 use crate::decoding::decoder::Decoder;
 use crate::perception::Text;
-use crate::perception::scaffold_encoder::Timing;
 use crate::planning::session::Modules;
 use crate::planning::{Control, Planner};
 

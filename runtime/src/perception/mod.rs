@@ -1,14 +1,9 @@
-//! What the user asks for, checked: anchors in metres and frames and the scaffold they make, text in words and what they say.
+//! Text: prompts in words, and what they say.
 //!
-//! This layer knows frames, joints and words. It does not know decoders, planners or the solver.
+//! This layer knows words. It does not know decoders, planners or the solver.
 
-pub mod anchors;
-pub mod authoring;
 pub mod bank;
-pub mod joint;
 pub mod prompt;
-pub mod scaffold;
-pub mod scaffold_encoder;
 pub mod text;
 pub mod text_encoder;
 

@@ -7,6 +7,7 @@
 use super::condition::Condition;
 use super::transformer::Planner;
 use crate::blob::{ControlConfig, Error, Tensors};
+use crate::conditioning::scaffold_encoder::{self, ScaffoldEncoder, Timing};
 use crate::nn::activation::{self, Activation};
 use crate::nn::attention::{Heads, SegmentMut};
 use crate::nn::block::{Scratch, Sizes, below, heads, project_low_rank};
@@ -14,8 +15,7 @@ use crate::nn::conv1d::larger;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
 use crate::perception::Text;
-use crate::perception::anchors::{AnchorSet, Family};
-use crate::perception::scaffold_encoder::{self, ScaffoldEncoder, Timing};
+use crate::request::conditions::{AnchorSet, Family};
 use crate::stop::{Check, Stop};
 use core::ops::ControlFlow;
 

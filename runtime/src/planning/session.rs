@@ -13,10 +13,10 @@ use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::perception::Text;
-use crate::perception::anchors::AnchorSet;
 use crate::perception::bank;
 use crate::perception::prompt::{Heard, Prompt, PromptError};
 use crate::perception::text::NONE;
+use crate::request::conditions::AnchorSet;
 use crate::stop::{Check, Stop};
 use core::ops::ControlFlow;
 

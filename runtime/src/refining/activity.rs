@@ -11,8 +11,8 @@ use core::mem::swap;
 use super::basis::{IntervalBasis, MAX_INTERVALS};
 use super::config::{Activity, PerFamily};
 use super::terms::anchors::Distances;
-use super::vector::larger;
-use crate::perception::anchors::AnchorSet;
+use super::vector::{broken, larger};
+use crate::request::conditions::AnchorSet;
 
 /// Small seeded generator (xorshift32) for the shuffled ablation.
 #[derive(Clone, Copy, Debug)]
@@ -77,7 +77,7 @@ pub fn activities(
 fn shuffle(values: &mut [f32; MAX_INTERVALS], count: usize, random: &mut Random) {
     for last in (1..count).rev() {
         let other = random.below(last + 1);
-        let Some((head, tail)) = values.split_at_mut_checked(last) else { continue };
+        let Some((head, tail)) = values.split_at_mut_checked(last) else { return broken(()) };
         // `other == last` leaves the value where it is.
         if let (Some(a), Some(b)) = (head.get_mut(other), tail.first_mut()) {
             swap(a, b);

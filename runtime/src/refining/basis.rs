@@ -15,8 +15,8 @@
 
 use super::config::Basis;
 use super::grid::TokenGrid;
-use super::vector::{axpy, clear, dot, rows, rows_mut};
-use crate::perception::anchors::{AnchorSet, MAX_ANCHORS};
+use super::vector::{axpy, broken, clear, dot, next_part, next_part_mut, rows, rows_mut};
+use crate::request::conditions::{AnchorSet, MAX_ANCHORS};
 
 /// Most intervals: the anchor frames and both ends.
 pub const MAX_INTERVALS: usize = MAX_ANCHORS + 1;
@@ -123,7 +123,7 @@ impl<'a> IntervalBasis<'a> {
 
     /// Intervals that own tokens, in order of time.
     pub fn intervals(&self) -> &[Interval] {
-        self.intervals.get(..self.len).unwrap_or(&[])
+        part!(self.intervals, ..self.len)
     }
 
     /// True when every token is a function of its own.
@@ -164,27 +164,25 @@ impl<'a> IntervalBasis<'a> {
         for (interval, activity) in self.intervals().iter().zip(activities) {
             let ridge = lambda * (1.0 - activity) + RIDGE_FLOOR;
             let tokens = interval.tokens as usize;
-            let Some((part, tail)) = core::mem::take(&mut rest).split_at_mut_checked(tokens * width) else { return };
-            rest = tail;
+            let part = next_part_mut(&mut rest, tokens * width);
             if self.stride == 0 {
                 for value in part {
                     *value /= 1.0 + ridge;
                 }
                 continue;
             }
-            let Some((functions, tail)) = values.split_at_checked(tokens * self.stride) else { return };
-            values = tail;
+            let functions = next_part(&mut values, tokens * self.stride);
             let system = Factor::new(functions, self.stride, ridge);
             for channel in 0..width {
                 let mut right = [0.0; MAX_FUNCTIONS];
                 for (row, function) in rows(part, width).zip(rows(functions, self.stride)) {
-                    let value = row.get(channel).copied().unwrap_or(0.0);
-                    axpy(&mut right, value, function);
+                    let value = row.get(channel).copied().unwrap_or_else(|| broken(0.0));
+                    axpy(part_mut!(right, ..self.stride), value, function);
                 }
                 let alpha = system.solve(right);
                 for (row, function) in rows_mut(part, width).zip(rows(functions, self.stride)) {
                     if let Some(value) = row.get_mut(channel) {
-                        *value = dot(function, &alpha);
+                        *value = dot(function, part!(alpha, ..self.stride));
                     }
                 }
             }
@@ -198,8 +196,7 @@ impl<'a> IntervalBasis<'a> {
         for (interval, activity) in self.intervals().iter().zip(activities) {
             let scale = factor / (1.0 + (lambda * (1.0 - activity) + RIDGE_FLOOR));
             let count = interval.functions as usize * width;
-            let Some((part, tail)) = core::mem::take(&mut rest).split_at_mut_checked(count) else { return };
-            rest = tail;
+            let part = next_part_mut(&mut rest, count);
             for value in part {
                 *value *= scale;
             }
@@ -213,8 +210,7 @@ impl<'a> IntervalBasis<'a> {
         let mut rest: &mut [f32] = self.values;
         for interval in self.intervals.iter().take(self.len) {
             let count = interval.tokens as usize * stride;
-            let Some((part, tail)) = core::mem::take(&mut rest).split_at_mut_checked(count) else { return };
-            rest = tail;
+            let part = next_part_mut(&mut rest, count);
             for column in 0..stride {
                 for earlier in 0..column {
                     let overlap = column_dot(part, stride, column, earlier);
@@ -247,8 +243,7 @@ impl<'a> IntervalBasis<'a> {
         let mut rest = out;
         for interval in self.intervals() {
             let count = interval.functions as usize * width;
-            let Some((part, tail)) = core::mem::take(&mut rest).split_at_mut_checked(count) else { return };
-            rest = tail;
+            let part = next_part_mut(&mut rest, count);
             for (row, function) in tokens.by_ref().take(interval.tokens as usize) {
                 for (coefficients, &value) in rows_mut(part, width).zip(function) {
                     axpy(coefficients, value, row);
@@ -268,11 +263,7 @@ impl<'a> IntervalBasis<'a> {
         let (mut x, mut d) = (x, d);
         for interval in self.intervals() {
             let count = interval.functions as usize * width;
-            let (Some((points, more)), Some((steps, further))) = (x.split_at_checked(count), d.split_at_checked(count))
-            else {
-                return;
-            };
-            (x, d) = (more, further);
+            let (points, steps) = (next_part(&mut x, count), next_part(&mut d, count));
             for (row, function) in tokens.by_ref().take(interval.tokens as usize) {
                 for ((point, step), &value) in rows(points, width).zip(rows(steps, width)).zip(function) {
                     add_combination(row, value, point, t, step);

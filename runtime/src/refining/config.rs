@@ -1,7 +1,7 @@
 //! What the solver is asked to do: method, budget, weights, basis.
 
 use super::metric::Prior;
-use crate::perception::anchors::{AnchorSet, Family};
+use crate::request::conditions::{AnchorSet, Family};
 
 /// One number for each control family.
 #[derive(Clone, Copy, Debug, PartialEq)]

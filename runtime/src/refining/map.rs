@@ -1,5 +1,7 @@
 //! What the solver needs of a decoder: a differentiable road from token embeddings to joint positions.
 
+use core::ops::ControlFlow;
+
 use super::grid::TokenGrid;
 use super::report::ControlError;
 use crate::stop::Stop;
@@ -16,19 +18,15 @@ pub trait MotionMap {
     /// Numbers in one token embedding.
     fn width(&self) -> usize;
 
-    /// Decodes `u [tokens][width]`: one decoder evaluation.
-    ///
-    /// # Errors
-    /// [`Stop`] when the work is to end here; positions are then those of no motion and must not be used.
-    fn forward(&mut self, u: &[f32]) -> Result<(), Stop>;
+    /// Decodes `u [tokens][width]`: one decoder evaluation. Breaks off when the work is to end here; positions are then those of no
+    /// motion and must not be used.
+    fn forward(&mut self, u: &[f32]) -> ControlFlow<Stop>;
 
-    /// Told how far the motion of the last forward pass is from the anchors, for whoever watches; not when that is no number.
-    ///
-    /// # Errors
-    /// [`Stop`] when the work is to end here.
-    fn measured(&mut self, error: &ControlError) -> Result<(), Stop> {
+    /// Told how far the motion of the last forward pass is from the anchors, for whoever watches; not when that is no number. Breaks
+    /// off when the work is to end here.
+    fn measured(&mut self, error: &ControlError) -> ControlFlow<Stop> {
         let _ = error;
-        Ok(())
+        ControlFlow::Continue(())
     }
 
     /// Position of `joint` (SMPL order) at `frame`, metres, of the last forward pass.
@@ -40,9 +38,7 @@ pub trait MotionMap {
     /// Adds `d` to `dJ/dposition` of `joint` at `frame`.
     fn add_gradient(&mut self, joint: u8, frame: usize, d: [f32; 3]);
 
-    /// Writes `dJ/du [tokens][width]` of the gathered gradient at the point of the last forward pass.
-    ///
-    /// # Errors
-    /// [`Stop`] when the work is to end here; `du` is then unspecified.
-    fn backward(&mut self, du: &mut [f32]) -> Result<(), Stop>;
+    /// Writes `dJ/du [tokens][width]` of the gathered gradient at the point of the last forward pass. Breaks off when the work is to end
+    /// here; `du` is then unspecified.
+    fn backward(&mut self, du: &mut [f32]) -> ControlFlow<Stop>;
 }

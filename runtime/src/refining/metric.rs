@@ -14,7 +14,8 @@
 //! numbers of [`Prior`] say how strongly a typical token acts through each road, chosen once on the val split.
 
 use super::MotionMap;
-use crate::perception::anchors::{AnchorSet, Family, MAX_ANCHORS, Observed};
+use super::vector::{axpy, broken, clear, dot};
+use crate::request::conditions::{AnchorSet, Family, MAX_ANCHORS, Observed};
 
 /// Tokens that count as one in the root and yaw terms.
 const TIME_UNIT: f32 = 25.0;
@@ -167,12 +168,17 @@ struct Triangle<'a> {
 impl Triangle<'_> {
     /// An element of the lower triangle; those above the diagonal are its mirror image and not kept.
     fn element(&mut self, row: usize, column: usize) -> Option<&mut f32> {
-        if column <= row { self.numbers.get_mut(triangle(row) + column) } else { None }
+        if column > row {
+            return None;
+        }
+        let element = self.numbers.get_mut(triangle(row) + column);
+        invariant!(element.is_some(), "row {row} of {}", self.rows);
+        element
     }
 
     /// Fills in `sum_s (p_n - c_s)' (p_m - c_s)'^T` over the middles s of tokens before both anchors, two rows an anchor.
     fn sum_levers(&mut self, anchors: &AnchorSet, map: &impl MotionMap) {
-        super::vector::clear(self.numbers);
+        clear(self.numbers);
         let mut places = [[0.0; 2]; MAX_ANCHORS];
         for (place, anchor) in places.iter_mut().zip(anchors.iter()) {
             let [x, _, z] = map.position(anchor.joint, anchor.frame as usize);
@@ -204,27 +210,27 @@ impl Triangle<'_> {
 
     /// Row `row` up to and with its diagonal.
     fn row(&self, row: usize) -> &[f32] {
-        self.numbers.get(triangle(row)..triangle(row + 1)).unwrap_or(&[])
+        part!(self.numbers, triangle(row)..triangle(row + 1))
     }
 
     /// `L` of `M / scale + floor I = L L^T` in place, `1 / L_ii` on the diagonal. False when a pivot is not positive.
     fn factorise(&mut self, scale: f32, floor: f32) -> bool {
         let inverse = 1.0 / scale;
         for i in 0..self.rows {
-            let Some((done, rest)) = self.numbers.split_at_mut_checked(triangle(i)) else { return false };
-            let Some((row, _)) = rest.split_at_mut_checked(i + 1) else { return false };
+            let Some((done, rest)) = self.numbers.split_at_mut_checked(triangle(i)) else { return broken(false) };
+            let Some((row, _)) = rest.split_at_mut_checked(i + 1) else { return broken(false) };
             let mut above: &[f32] = done;
             for j in 0..=i {
-                let Some((head, tail)) = row.split_at_mut_checked(j) else { return false };
-                let Some(element) = tail.first_mut() else { return false };
+                let Some((head, tail)) = row.split_at_mut_checked(j) else { return broken(false) };
+                let Some(element) = tail.first_mut() else { return broken(false) };
                 let value = *element * inverse;
                 if j < i {
-                    let Some((other, more)) = above.split_at_checked(j + 1) else { return false };
+                    let Some((other, more)) = above.split_at_checked(j + 1) else { return broken(false) };
                     above = more;
-                    let Some((pivot, other)) = other.split_last() else { return false };
-                    *element = (value - super::vector::dot(head, other)) * *pivot;
+                    let Some((pivot, other)) = other.split_last() else { return broken(false) };
+                    *element = (value - dot(head, other)) * *pivot;
                 } else {
-                    let pivot = value + floor - super::vector::dot(head, head);
+                    let pivot = value + floor - dot(head, head);
                     if !(pivot > 0.0) || !pivot.is_finite() {
                         return false;
                     }
@@ -239,9 +245,11 @@ impl Triangle<'_> {
     fn half_solve(&self, v: &mut [f32]) -> f32 {
         let mut square = 0.0;
         for i in 0..self.rows {
-            let Some((head, tail)) = v.split_at_mut_checked(i) else { return square };
-            let (Some(value), Some((pivot, row))) = (tail.first_mut(), self.row(i).split_last()) else { return square };
-            *value = (*value - super::vector::dot(row, head)) * pivot;
+            let Some((head, tail)) = v.split_at_mut_checked(i) else { return broken(square) };
+            let (Some(value), Some((pivot, row))) = (tail.first_mut(), self.row(i).split_last()) else {
+                return broken(square);
+            };
+            *value = (*value - dot(row, head)) * pivot;
             square += *value * *value;
         }
         square
@@ -250,10 +258,12 @@ impl Triangle<'_> {
     /// `v <- L^-T v`.
     fn finish(&self, v: &mut [f32]) {
         for i in (0..self.rows).rev() {
-            let Some((head, tail)) = v.split_at_mut_checked(i) else { return };
-            let (Some(value), Some((pivot, row))) = (tail.first_mut(), self.row(i).split_last()) else { return };
+            let Some((head, tail)) = v.split_at_mut_checked(i) else { return broken(()) };
+            let (Some(value), Some((pivot, row))) = (tail.first_mut(), self.row(i).split_last()) else {
+                return broken(());
+            };
             *value *= pivot;
-            super::vector::axpy(head, -*value, row);
+            axpy(head, -*value, row);
         }
     }
 }

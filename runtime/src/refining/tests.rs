@@ -1,5 +1,6 @@
 //! The seams, each with the smallest second implementation: a map that is no decoder, a term that no request asks for.
 
+use core::ops::ControlFlow;
 use std::cell::Cell;
 use std::vec;
 use std::vec::Vec;
@@ -7,7 +8,7 @@ use std::vec::Vec;
 use super::terms::Floor;
 use super::{Basis, Config, MotionMap, Objective, Report, Stop, StopReason, Term, TokenGrid, scratch_len, solve};
 use crate::JOINTS;
-use crate::perception::anchors::{Anchor, AnchorSet};
+use crate::request::conditions::{Anchor, AnchorSet};
 
 const WIDTH: usize = 3 * JOINTS;
 const GRID: TokenGrid = TokenGrid { tokens: 6, frames_per_token: 1 };
@@ -34,14 +35,14 @@ impl MotionMap for Direct {
         WIDTH
     }
 
-    fn forward(&mut self, u: &[f32]) -> Result<(), Stop> {
+    fn forward(&mut self, u: &[f32]) -> ControlFlow<Stop> {
         self.positions.copy_from_slice(u);
-        Ok(())
+        ControlFlow::Continue(())
     }
 
-    fn measured(&mut self, error: &super::ControlError) -> Result<(), Stop> {
+    fn measured(&mut self, error: &super::ControlError) -> ControlFlow<Stop> {
         self.errors.push(error.mean);
-        Ok(())
+        ControlFlow::Continue(())
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {
@@ -60,9 +61,9 @@ impl MotionMap for Direct {
         }
     }
 
-    fn backward(&mut self, du: &mut [f32]) -> Result<(), Stop> {
+    fn backward(&mut self, du: &mut [f32]) -> ControlFlow<Stop> {
         du.copy_from_slice(&self.gradient);
-        Ok(())
+        ControlFlow::Continue(())
     }
 }
 

@@ -5,9 +5,10 @@
 #![allow(dead_code)]
 
 use std::cell::Cell;
+use std::ops::ControlFlow;
 
-use motionette::perception::anchors::{Anchor, AnchorSet};
 use motionette::refining::{MotionMap, Stop, TokenGrid};
+use motionette::request::conditions::{Anchor, AnchorSet};
 
 pub const JOINTS: usize = 22;
 /// Yaw velocity, planar velocity, height, 21 local positions.
@@ -229,10 +230,10 @@ impl Mock {
         du
     }
 
-    fn call(&self) -> Result<(), Stop> {
+    fn call(&self) -> ControlFlow<Stop> {
         match self.stop_at {
-            Some(at) if self.forwards + self.backwards > at.calls => Err(at.stop),
-            _ => Ok(()),
+            Some(at) if self.forwards + self.backwards > at.calls => ControlFlow::Break(at.stop),
+            _ => ControlFlow::Continue(()),
         }
     }
 
@@ -288,7 +289,7 @@ impl MotionMap for Mock {
         self.width
     }
 
-    fn forward(&mut self, u: &[f32]) -> Result<(), Stop> {
+    fn forward(&mut self, u: &[f32]) -> ControlFlow<Stop> {
         self.forwards += 1;
         self.seen.push(u.to_vec());
         self.whole = false;
@@ -297,7 +298,7 @@ impl MotionMap for Mock {
         self.poison = self.poisoned.contains(&(self.forwards - 1));
         let wide: Vec<f64> = u.iter().map(|&v| f64::from(v)).collect();
         self.decode(&wide);
-        Ok(())
+        ControlFlow::Continue(())
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {
@@ -318,12 +319,12 @@ impl MotionMap for Mock {
         }
     }
 
-    fn backward(&mut self, du: &mut [f32]) -> Result<(), Stop> {
+    fn backward(&mut self, du: &mut [f32]) -> ControlFlow<Stop> {
         self.backwards += 1;
         self.call()?;
         for (slot, value) in du.iter_mut().zip(self.pull_back()) {
             *slot = value as f32;
         }
-        Ok(())
+        ControlFlow::Continue(())
     }
 }

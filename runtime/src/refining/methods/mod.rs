@@ -3,6 +3,8 @@
 mod published;
 pub mod quasi_newton;
 
+use core::ops::ControlFlow;
+
 use super::basis::{IntervalBasis, most_coefficients, values_len};
 use super::config::{Config, Method};
 use super::metric::{Prior, ResidualMetric};
@@ -10,7 +12,7 @@ use super::report::{Report, SolverError, StopReason};
 use super::terms::{Objective, Point};
 use super::vector::{clear, copy, squared_distance};
 use super::{MotionMap, Stop};
-use crate::perception::anchors::AnchorSet;
+use crate::request::conditions::AnchorSet;
 
 /// Most frames of a motion: anchors and intervals count them in 16 bits.
 const MAX_FRAMES: usize = 1 << 16;
@@ -116,7 +118,7 @@ impl<'a, M: MotionMap> Run<'a, M> {
     }
 
     /// One decoder evaluation at `u`, `moved` being `||u - u0||^2`. Not finite: `None`.
-    fn evaluate(&mut self, u: &[f32], moved: f32) -> Result<Option<Point>, Stop> {
+    fn evaluate(&mut self, u: &[f32], moved: f32) -> ControlFlow<Stop, Option<Point>> {
         self.evaluations = self.evaluations.saturating_add(1);
         self.current = false;
         self.map.forward(u)?;
@@ -125,7 +127,8 @@ impl<'a, M: MotionMap> Run<'a, M> {
         if error.mean.is_finite() {
             self.map.measured(&error)?;
         }
-        Ok(if point.objective.is_finite() && point.descent.is_finite() { Some(point) } else { None })
+        let finite = point.objective.is_finite() && point.descent.is_finite();
+        ControlFlow::Continue(if finite { Some(point) } else { None })
     }
 
     /// The point of the last evaluation.
@@ -159,7 +162,7 @@ impl<'a, M: MotionMap> Run<'a, M> {
     }
 
     /// Gradient with respect to u of what is descended, without the terms that act on u itself, at the point of the last evaluation.
-    fn gradient(&mut self, du: &mut [f32]) -> Result<(), Stop> {
+    fn gradient(&mut self, du: &mut [f32]) -> ControlFlow<Stop> {
         self.gradients = self.gradients.saturating_add(1);
         self.objective.gather(self.map, self.metric.as_ref());
         self.map.backward(du)

@@ -9,6 +9,8 @@
 //! ```
 //! Deviations: the best iterate by `J` is returned, not the last; the paper names no optimiser, Adam is ours.
 
+use core::ops::ControlFlow;
+
 use super::super::MotionMap;
 use super::super::activity::{Random, activities};
 use super::super::basis::IntervalBasis;
@@ -54,11 +56,11 @@ fn adam_steps<M: MotionMap>(
     }
     loop {
         let point = match run.evaluate(u, squared_distance(u, origin)) {
-            Ok(Some(point)) => point,
-            Ok(None) if run.best.is_none() => return Err(SolverError::NotFinite),
+            ControlFlow::Continue(Some(point)) => point,
+            ControlFlow::Continue(None) if run.best.is_none() => return Err(SolverError::NotFinite),
             // The step is rejected; Adam's moments would only repeat it.
-            Ok(None) => return Ok(StopReason::Stalled),
-            Err(stop) => return stopped(stop),
+            ControlFlow::Continue(None) => return Ok(StopReason::Stalled),
+            ControlFlow::Break(stop) => return stopped(stop),
         };
         if run.consider(point) {
             copy(best, u);
@@ -69,7 +71,7 @@ fn adam_steps<M: MotionMap>(
         if run.spent() {
             return Ok(StopReason::Budget);
         }
-        if let Err(stop) = run.gradient(delta) {
+        if let ControlFlow::Break(stop) = run.gradient(delta) {
             return stopped(stop);
         }
         run.objective.add_direct(delta, u.iter().zip(origin).map(|(x, x0)| x - x0));

@@ -13,6 +13,8 @@
 //! The activities of the published method thus shape the metric: the ridge damps an update in an orthonormal basis by
 //! exactly that diagonal. The iterate with the smallest `J` itself is returned.
 
+use core::ops::ControlFlow;
+
 use super::super::activity::{Random, activities};
 use super::super::basis::IntervalBasis;
 use super::super::config::Config;
@@ -71,9 +73,9 @@ pub(super) fn descend<'a, M: MotionMap>(
         return Ok(StopReason::Budget);
     }
     let mut point = match run.evaluate(u, 0.0) {
-        Ok(Some(point)) => point,
-        Ok(None) => return Err(SolverError::NotFinite),
-        Err(stop) => return stopped(stop),
+        ControlFlow::Continue(Some(point)) => point,
+        ControlFlow::Continue(None) => return Err(SolverError::NotFinite),
+        ControlFlow::Break(stop) => return stopped(stop),
     };
     run.consider(point);
     if let Some(prior) = run.config.prior
@@ -151,7 +153,7 @@ impl<'a> State<'a> {
             if run.spent() {
                 return Ok(StopReason::Budget);
             }
-            if let Err(stop) = run.gradient(tokens) {
+            if let ControlFlow::Break(stop) = run.gradient(tokens) {
                 return stopped(stop);
             }
             if !self.take_gradient(tokens, basis, run.objective, width) {
@@ -167,10 +169,10 @@ impl<'a> State<'a> {
                     basis.damp(d, width, &activity, config.ridge, gamma);
                 });
                 match self.search(run, u, origin, basis, &mut point) {
-                    Ok(true) => break true,
-                    Ok(false) if run.spent() || self.history.is_empty() => break false,
-                    Ok(false) => self.history.reset(),
-                    Err(stop) => return stopped(stop),
+                    ControlFlow::Continue(true) => break true,
+                    ControlFlow::Continue(false) if run.spent() || self.history.is_empty() => break false,
+                    ControlFlow::Continue(false) => self.history.reset(),
+                    ControlFlow::Break(stop) => return stopped(stop),
                 }
             };
             if !accepted {
@@ -191,16 +193,16 @@ impl<'a> State<'a> {
         origin: &[f32],
         basis: &IntervalBasis<'_>,
         point: &mut Point,
-    ) -> Result<bool, Stop> {
+    ) -> ControlFlow<Stop, bool> {
         let slope = dot(self.gradient, self.direction);
         // Not a descent direction, or not finite.
         if !(slope < 0.0) || !slope.is_finite() {
-            return Ok(false);
+            return ControlFlow::Continue(false);
         }
         let mut t = if self.history.is_empty() { point.descent / -slope } else { 1.0 };
         for _ in 0..TRIALS {
             if run.spent() || !t.is_finite() {
-                return Ok(false);
+                return ControlFlow::Continue(false);
             }
             self.place(u, origin, basis, t, run.width());
             let trial = run.evaluate(u, squared_distance(u, origin))?;
@@ -212,7 +214,7 @@ impl<'a> State<'a> {
                     if run.consider(trial) {
                         copy(self.best, self.x);
                     }
-                    return Ok(true);
+                    return ControlFlow::Continue(true);
                 }
                 Some(trial) => {
                     let curvature = trial.descent - point.descent - t * slope;
@@ -228,6 +230,6 @@ impl<'a> State<'a> {
                 None => 0.1 * t,
             };
         }
-        Ok(false)
+        ControlFlow::Continue(false)
     }
 }

@@ -6,7 +6,7 @@ use super::super::MotionMap;
 use super::super::metric::{ResidualMetric, Residuals};
 use super::super::report::ControlError;
 use super::super::vector::{bit, scaled, squared_length};
-use crate::perception::anchors::{AnchorSet, MAX_ANCHORS};
+use crate::request::conditions::{AnchorSet, MAX_ANCHORS};
 
 /// How far a motion is from its anchors.
 #[derive(Clone, Copy, Debug)]

@@ -20,7 +20,7 @@ use super::MotionMap;
 use super::config::Config;
 use super::metric::{ResidualMetric, Residuals};
 use crate::JOINTS;
-use crate::perception::anchors::AnchorSet;
+use crate::request::conditions::AnchorSet;
 use anchors::{AnchorTerm, Distances};
 use feasibility::Feasibility;
 #[cfg(test)]
@@ -129,10 +129,11 @@ impl<'a> Objective<'a> {
         objective.with(Term::Trust(Trust::new(trust)))
     }
 
-    /// The same with one term more; none beyond [`MAX_TERMS`].
+    /// The same with one term more, at most [`MAX_TERMS`] in all.
     #[must_use]
     pub fn with(mut self, term: Term<'a>) -> Self {
-        let _ = self.terms.push(term);
+        let pushed = self.terms.push(term);
+        invariant!(pushed.is_ok(), "more than {MAX_TERMS} terms");
         self
     }
 

@@ -6,7 +6,7 @@
 use super::super::MotionMap;
 use super::super::vector::{bit, scaled, squared_length};
 use crate::JOINTS;
-use crate::perception::anchors::AnchorSet;
+use crate::request::conditions::AnchorSet;
 
 /// The term with its weight.
 #[derive(Clone, Copy, Debug)]

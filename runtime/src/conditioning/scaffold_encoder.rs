@@ -3,7 +3,6 @@
 //! `f_t = relu(frame c_t)`, `h_l = merge [f of the token's frames, one behind another]`, then an [`Encoder`]: positions, blocks,
 //! norm, mean. Features `c_t` are those of [`super::scaffold`].
 
-use super::anchors::AnchorSet;
 use super::scaffold::{LIMIT, Scaffold, Statistics, WIDTH};
 use crate::blob::{ControlConfig, Error, Tensors};
 use crate::nn::activation::{self, Activation};
@@ -12,6 +11,7 @@ use crate::nn::block::{self, Scratch, Sizes, below};
 use crate::nn::encoder::Encoder;
 use crate::nn::linear::{LEAST_ROWS, Linear};
 use crate::nn::norm::MAX_INPUT;
+use crate::request::conditions::AnchorSet;
 use crate::stop::{Check, Stop};
 use core::ops::ControlFlow;
 
@@ -110,16 +110,18 @@ impl<'a> ScaffoldEncoder<'a> {
     /// Rows `h_l` of the scaffold.
     #[inline(never)]
     fn read(&self, anchors: &AnchorSet, x: &mut [f32], work: &mut [f32], scratch: &mut Scratch<'_>) {
-        let (bends, work) = work.split_at_mut_checked(Scaffold::NUMBERS).unwrap_or_default();
         let width = self.frame.outputs().max(1);
         let together = frames_together(self.merge.inputs() / width).max(1);
+        let needed = Scaffold::NUMBERS + together * WIDTH + self.merge.inputs();
+        invariant!(work.len() >= needed, "{} numbers, {needed} needed", work.len());
+        let (bends, work) = work.split_at_mut_checked(Scaffold::NUMBERS).unwrap_or_default();
         let (features, work) = work.split_at_mut_checked(together * WIDTH).unwrap_or_default();
-        let merged = work.get_mut(..self.merge.inputs()).unwrap_or_default();
+        let merged = part_mut!(work, ..self.merge.inputs());
         let scaffold = Scaffold::new(anchors, self.families, self.statistics, self.rate, bends);
         let mut frame = 0;
         for row in x.chunks_exact_mut(self.merge.outputs().max(1)) {
             for rows in merged.chunks_mut((together * width).max(1)) {
-                let features = features.get_mut(..rows.len() / width * WIDTH).unwrap_or_default();
+                let features = part_mut!(features, ..rows.len() / width * WIDTH);
                 for c in features.chunks_exact_mut(WIDTH) {
                     scaffold.features(frame, c);
                     frame += 1;

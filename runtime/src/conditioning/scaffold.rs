@@ -10,9 +10,9 @@
 //!
 //! Frames are computed one at a time from the anchors and a second derivative an anchor and axis: nothing is kept a frame.
 
-use super::anchors::{AnchorSet, MAX_ANCHORS, Observed};
 use crate::JOINTS;
 use crate::blob::{Error, Tensors};
+use crate::request::conditions::{AnchorSet, MAX_ANCHORS, Observed};
 use heapless::Vec;
 
 /// Values of all components.
@@ -80,7 +80,7 @@ impl<'s> Scaffold<'s> {
     /// Numbers that [`Scaffold::new`] needs.
     pub const NUMBERS: usize = 3 * MAX_ANCHORS;
 
-    /// The curves through those of `anchors` that belong to `families`, a set of [`super::anchors::Family::bit`]s, at `rate` frames a
+    /// The curves through those of `anchors` that belong to `families`, a set of [`crate::request::conditions::Family::bit`]s, at `rate` frames a
     /// second; their second derivatives into `bends`, [`Scaffold::NUMBERS`] of them.
     #[must_use]
     pub fn new(
@@ -90,8 +90,10 @@ impl<'s> Scaffold<'s> {
         rate: f32,
         bends: &'s mut [f32],
     ) -> Self {
+        invariant!(bends.len() == Self::NUMBERS, "{} numbers", bends.len());
         bends.fill(0.0);
         let (bends, _) = bends.as_chunks_mut();
+        invariant!(statistics.mean.len() == VALUES && statistics.std.len() == VALUES);
         let mut scaffold = Scaffold { anchors, families, statistics, rate, bends };
         for component in 0..COMPONENTS {
             for &axis in axes(component) {
@@ -115,7 +117,8 @@ impl<'s> Scaffold<'s> {
         let mut knots: Vec<Knot, MAX_ANCHORS> = Vec::new();
         for (_, anchor) in self.knots(component) {
             let value = anchor.target.get(axis).copied().unwrap_or(0.0);
-            let _ = knots.push(Knot { frame: f32::from(anchor.frame), value, diagonal: 1.0, bend: 0.0 });
+            let pushed = knots.push(Knot { frame: f32::from(anchor.frame), value, diagonal: 1.0, bend: 0.0 });
+            invariant!(pushed.is_ok(), "a knot is an anchor");
         }
         if knots.len() < SPLINE {
             return;
@@ -157,6 +160,7 @@ impl<'s> Scaffold<'s> {
 
     /// Features of frame `frame` into `c [WIDTH]`.
     pub fn features(&self, frame: usize, c: &mut [f32]) {
+        invariant!(c.len() == WIDTH, "{} features", c.len());
         c.fill(0.0);
         for component in 0..COMPONENTS {
             let Some(p) = self.position(component, frame) else { continue };

@@ -2,10 +2,11 @@
 
 use heapless::Vec;
 
+use super::anchors::{Anchor, MAX_ANCHORS, Target};
+use super::set::AnchorError;
 #[cfg(test)]
-use super::anchors::AnchorSet;
-use super::anchors::{Anchor, AnchorError, MAX_ANCHORS, Target};
-use super::joint::Joint;
+use super::set::AnchorSet;
+use crate::request::joint::Joint;
 
 /// A list of anchors in the making, for [`Request::through`](crate::Request::through).
 ///
@@ -101,8 +102,8 @@ impl Anchors {
     pub fn by_frame(&self, frame_rate: u16) -> Result<Vec<Anchor, MAX_ANCHORS>, AnchorError> {
         let mut anchors = Vec::new();
         for (index, entry) in self.items.iter().enumerate() {
-            // Both lists have the same capacity.
-            let _ = anchors.push(entry.anchor(index, frame_rate)?);
+            let pushed = anchors.push(entry.anchor(index, frame_rate)?);
+            invariant!(pushed.is_ok(), "both lists have the same capacity");
         }
         AnchorList::Timed(self).check_length()?;
         Ok(anchors)
