@@ -10,7 +10,7 @@ use motionette::{Generator, Limits, Model, MotionStream, Plan, StreamLimits, Str
 use motionette::{LEAST_ROWS, MOST_ROWS};
 use serde::Serialize;
 
-use crate::blob_file::{BlobFile, Error};
+use crate::blob::{BlobFile, Error};
 use crate::inspect::{layer_macs, rows_of_layers};
 
 /// A named number of bytes or multiply-accumulates.

@@ -149,7 +149,7 @@ fn a_missed_budget_is_a_failure_with_figures() {
     bench.succeeds("convert rvq.tar -o a.blob");
     // Another model of the same sizes: the same checkpoint with one weight changed a lot.
     let mut file = bytes(&bench.path("a.blob"));
-    let blob = motionette_host::blob_file::BlobFile::open(&bench.path("a.blob")).expect("a good blob");
+    let blob = motionette_host::blob::BlobFile::open(&bench.path("a.blob")).expect("a good blob");
     let (header, _, _) = blob.parts().expect("checked");
     let bias = blob.table().expect("checked").into_iter().find(|t| t.name == "decoder.model.6.bias").expect("a bias");
     let at = header.weights_offset as usize + bias.offset + 4;

@@ -8,15 +8,15 @@ use std::path::{Path, PathBuf};
 
 use motionette::Request;
 use motionette::refining::{Basis as RuntimeBasis, Config, PerFamily};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, TokenizerCheckpoint};
 use motionette_host::convert::{self, CardText, Options};
+use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::reference::interval_basis::Basis;
 use motionette_host::reference::objective::{Objective, Weights};
 use motionette_host::reference::route_solver::{self, Settings};
 use motionette_host::reference::{Anchor, Road, Target, anchors, quasi_newton};
 use motionette_host::verify;
-use motionette_host::verify::solvers::runtime_anchor;
 
 struct Bench {
     blob: BlobFile,

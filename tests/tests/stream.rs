@@ -9,7 +9,7 @@ use motionette::{
     Error, Flow, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, ROWS, Request, StreamLimits,
     StreamPlan,
 };
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_tests::tiny::{Shape, Tiny};
 
 const PAINT: u8 = 0xC3;

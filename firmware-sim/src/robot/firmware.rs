@@ -3,7 +3,7 @@
 
 use motionette::motion::Pose;
 use motionette::{Generator, Model, Observer, Progress, Request};
-use motionette_host::convert::AlignedBlob;
+use motionette_host::blob::AlignedBlob;
 
 use super::faults::Kind;
 

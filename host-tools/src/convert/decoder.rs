@@ -1,9 +1,10 @@
 //! The whole decoder, layer by layer in order of execution, each seeing what the quantised layers before it make of the data.
 
+use crate::blob::QuantisedConv1d;
 use crate::checkpoint;
 use crate::reference::conv1d::{Conv1d, Geometry};
 
-use super::conv1d::{Options, QuantisedConv1d};
+use super::conv1d::Options;
 use super::moments::Moments;
 
 /// Most observations a layer is calibrated with; more rows than that are thinned out evenly.

@@ -64,9 +64,9 @@ pub enum Error {
         /// The value.
         value: f32,
     },
-    /// Postcard could not write the manifest.
-    #[error("the manifest cannot be serialised: {0}")]
-    Manifest(#[from] postcard::Error),
+    /// The blob cannot be written.
+    #[error(transparent)]
+    Write(#[from] crate::blob::write::Error),
     /// The finished blob is not accepted by the runtime.
     #[error("the runtime refuses the finished blob: {0}; the weights are out of its range")]
     Refused(motionette::blob::Error),

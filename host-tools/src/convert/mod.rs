@@ -15,7 +15,7 @@
 //! | [`decoder`] | all layers, each calibrated behind the quantised ones before it |
 //! | [`prior`] | text encoder, planner and anchor control |
 //! | [`bank`] | prompts encoded beforehand |
-//! | [`blob`] | bytes, self-test |
+//! | [`mod@blob`] | what of it all goes into the blob; its self-test |
 
 pub mod bank;
 pub mod blob;
@@ -28,13 +28,13 @@ pub mod moments;
 pub mod prior;
 pub mod rounding;
 
-pub use blob::AlignedBlob;
-pub use conv1d::{Options, QuantisedConv1d};
+pub use conv1d::Options;
 pub use error::Error;
 pub use rounding::Rounding;
 
+use crate::blob::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
-use crate::verify::planner::Case;
+use crate::dataset::captioned::CaptionedMotion;
 use prior::{Inputs, QuantisedPrior};
 
 /// Longest motion of our models: 196 frames.
@@ -78,7 +78,7 @@ pub struct PriorSource<'a> {
     /// The prior's anchor control, if it goes in.
     pub control: Option<&'a ControlCheckpoint>,
     /// Motions with captions on which the rounding of 4-bit weights is calibrated; may be empty.
-    pub cases: &'a [Case],
+    pub cases: &'a [CaptionedMotion],
 }
 
 /// Quantises `checkpoint` with `options`, calibrated on `latents`, and writes the blob.

@@ -25,8 +25,10 @@
 //! | [`tmd`] | corruption of tokens and sampling from proposals |
 //! | [`prior`] | a prior made ready: prompt to tokens |
 //! | [`tokenizer`] | a checkpoint made ready: motion to ids, ids to motion |
+//! | [`bridge`] | tokens and anchors in the runtime's types and back |
 
 pub mod anchors;
+pub mod bridge;
 pub mod control;
 pub mod conv1d;
 pub mod decoder;

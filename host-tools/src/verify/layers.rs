@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::agreement::Agreement;
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
 use crate::checkpoint::TokenizerCheckpoint;
 use crate::motion::Pose;
 use crate::reference::recover::CHANNELS;

@@ -12,11 +12,12 @@ use motionette::{Generator, Request};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
-use crate::blob_file::{self, BlobFile};
+use crate::blob::{self, BlobFile};
 use crate::checkpoint::prior::Sizes;
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Split, captioned};
 use crate::motion::Pose;
+use crate::reference::bridge::runtime_token;
 use crate::reference::road::RoadError;
 use crate::reference::tokenizer::EncodeError;
 use crate::reference::{Road, Tokenizer};
@@ -35,7 +36,7 @@ pub const DRIFT_P95_BUDGET_MM: f64 = 30.0;
 pub enum Error {
     /// The blob.
     #[error(transparent)]
-    Blob(#[from] blob_file::Error),
+    Blob(#[from] blob::Error),
     /// The checkpoint lacks what a motion needs.
     #[error(transparent)]
     Road(#[from] RoadError),
@@ -76,6 +77,9 @@ pub enum Error {
     /// The planner took more memory than it said.
     #[error("the runtime's planner says: {0}")]
     Arena(motionette::arena::ArenaTooSmall),
+    /// No captioned clip to compare planners with.
+    #[error(transparent)]
+    Captioned(#[from] captioned::Error),
     /// A clip could not be encoded.
     #[error("clip {clip}: {source}")]
     Encode {
@@ -83,12 +87,6 @@ pub enum Error {
         clip: String,
         /// Why.
         source: EncodeError,
-    },
-    /// No clip to compare planners with.
-    #[error("the dataset has no {split:?} clip with a caption of the vocabulary; choose another split or dataset")]
-    NoCaptions {
-        /// The split asked for.
-        split: Split,
     },
     /// No clip to verify with.
     #[error("the dataset has no {split:?} clip of at least {least} frames; choose another split or dataset")]
@@ -183,12 +181,6 @@ pub fn sequences(
         }
     };
     crate::parallel::map(&chosen, encode).into_iter().collect()
-}
-
-/// A reference id as the runtime's token; what is no code (-1) adds nothing there either.
-#[must_use]
-pub fn runtime_token(id: i64) -> u16 {
-    u16::try_from(id).unwrap_or(motionette::decoding::codebook::Codebooks::NONE)
 }
 
 /// Refuses a blob and a checkpoint of different sizes.

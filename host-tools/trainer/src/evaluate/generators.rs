@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use motionette::planning::{Planning, Sampling, Schedule};
 use motionette::{Length, Request};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, file_hash, prior};
 use motionette_host::motion::Pose;
 use motionette_host::reference::{Prior, Quantizer, Road, tmd};

@@ -6,9 +6,9 @@ use motionette::Model;
 use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensors};
 use motionette::kernels::unpacked;
 
+use super::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::prior::PartMut;
 use crate::checkpoint::{self, ControlCheckpoint, PriorCheckpoint};
-use crate::convert::{AlignedBlob, QuantisedConv1d};
 use crate::reference::anchors::Family;
 
 /// What the names of the anchor control's tensors begin with.
@@ -189,7 +189,11 @@ impl BlobFile {
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn dequantised(&self, decoder: &checkpoint::Decoder) -> Result<checkpoint::Decoder, Error> {
-        Ok(crate::convert::decoder::dequantised(decoder, &self.layers()?))
+        let mut result = decoder.clone();
+        for (to, from) in result.convolutions_mut().into_iter().zip(self.layers()?) {
+            *to = from.dequantised();
+        }
+        Ok(result)
     }
 
     /// A prior with the blob's weights in place of its own; what the blob does not hold (norms, a text encoder that was left out) stays.
