@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use crate::blob::{BlobFile, Error, QuantisedConv1d};
+use crate::checkpoint::anchors::Family;
 use crate::checkpoint::prior::Part;
 use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerCheckpoint};
-use crate::reference::anchors::Family;
 use motionette::blob::{DType, Manifest, Sampler, TransformerConfig};
 
 /// Everything `motionette inspect` shows.

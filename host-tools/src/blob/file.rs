@@ -7,9 +7,9 @@ use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensor
 use motionette::kernels::unpacked;
 
 use super::{AlignedBlob, QuantisedConv1d};
+use crate::checkpoint::anchors::Family;
 use crate::checkpoint::prior::PartMut;
 use crate::checkpoint::{self, ControlCheckpoint, PriorCheckpoint};
-use crate::reference::anchors::Family;
 
 /// What the names of the anchor control's tensors begin with.
 const CONTROL: &str = "control.";
@@ -119,8 +119,8 @@ impl BlobFile {
         read().map_err(|source| self.refused(source))
     }
 
-    /// Why the planner does not see some of the anchors it is given, for a person; that the request may have said so is the caller's
-    /// to know.
+    /// Why the planner does not see some of the anchors of a request, in words for a person. The caller knows whether the request itself
+    /// asked for that.
     ///
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
@@ -184,7 +184,7 @@ impl BlobFile {
         Ok(layers.split_off(convolutions(&manifest).min(layers.len())))
     }
 
-    /// `decoder` with the blob's weights in place of its own: what the integers stand for, to run in the reference.
+    /// `decoder` with the blob's weights, as real numbers, in place of its own: to run in the reference.
     ///
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
@@ -217,7 +217,7 @@ impl BlobFile {
     }
 }
 
-/// What the integers of `layers` stand for into the parts of the same names.
+/// Puts the real weights that `layers` stand for into the parts of the same names.
 fn put_back(layers: &[QuantisedConv1d], parts: Vec<PartMut<'_>>) {
     let find = |name: &str| layers.iter().find(|l| l.name == name).map(QuantisedConv1d::dequantised);
     for part in parts {
