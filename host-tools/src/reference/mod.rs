@@ -17,7 +17,7 @@
 //! | [`road`] | latent to joints: decoder, denormalisation, recovery |
 //! | [`anchors`], [`objective`] | control residuals and `J(u)` with its gradient |
 //! | [`interval_basis`], [`route_solver`], [`quasi_newton`] | the solver as published, and a quasi-Newton method in its coefficients |
-//! | [`erf`], [`transformer`] | linears, norms, attention, blocks |
+//! | [`transformer`] | linears, norms, attention, blocks |
 //! | [`text`] | a prompt to words to a memory and a length |
 //! | [`planner`] | noisy tokens and a text to logits |
 //! | [`scaffold`] | anchors to frame features |
@@ -33,7 +33,6 @@ pub mod control;
 pub mod conv1d;
 pub mod decoder;
 pub mod encoder;
-pub mod erf;
 pub mod interval_basis;
 pub mod objective;
 pub mod planner;
