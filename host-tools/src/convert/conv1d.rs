@@ -1,10 +1,11 @@
 //! One convolution to integers.
 
+use nalgebra::{Cholesky, DMatrix, DVectorViewMut};
+
 use crate::blob::QuantisedConv1d;
 use crate::blob::layer::{WIDE, levels};
 use crate::checkpoint::Conv1d;
 
-use super::linear_algebra::{cholesky, solve_factored};
 use super::moments::Moments;
 use super::rounding::{Metric, Rounding, round_row};
 
@@ -64,14 +65,14 @@ impl QuantisedConv1d {
                 cost[i * n + i] += ridge;
             }
             if options.refit
-                && let Some(factor) = cholesky(&cost, n)
+                && let Some(factor) = Cholesky::new(DMatrix::from_row_slice(n, n, &cost))
             {
                 // (C_yx + ridge W) (C_xx + ridge I)^-1: least squares that stays near the trained weights.
                 for (row, yx) in weights.chunks_exact_mut(n).zip(c.yx.chunks_exact(n)) {
                     for (w, yx) in row.iter_mut().zip(yx) {
                         *w = *w * ridge + yx;
                     }
-                    solve_factored(&factor, n, row);
+                    factor.solve_mut(&mut DVectorViewMut::from_slice(row, n));
                 }
             }
             metric = Metric::new(&cost, n);
