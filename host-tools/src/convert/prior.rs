@@ -1,5 +1,5 @@
-//! The prior and its anchor control in integers: linears and tables int8 with one scale a row, norms as they are; the linears of the
-//! planner's blocks 4-bit if they shall.
+//! The prior and its anchor control in integers: linears and tables in int8 with one scale per row, norms in f32 as they are; the linears
+//! of the planner's blocks in 4 bits where the options say so.
 
 use std::collections::HashMap;
 

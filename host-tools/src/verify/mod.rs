@@ -1,7 +1,8 @@
 //! Does the quantised runtime do what the f32 reference does? (`motionette verify`, DESIGN section 6.)
 //!
-//! Both decode the same embeddings `u`, those the runtime made of the tokens of real clips, so that the decoder is measured and not two
-//! solvers. What two solvers make of the same anchors is reported apart ([`solvers`]). [`layers`] says where the error comes from.
+//! Both decode the same embeddings `u`: those that the runtime made from the tokens of real clips. So the comparison measures the decoder
+//! and no solver. Where the two solvers end for the same anchors is reported separately ([`solvers`]). [`layers`] says which layer the
+//! error comes from.
 
 pub mod layers;
 pub mod planner;

@@ -1,8 +1,8 @@
 //! Does the quantised planner propose what the f32 reference proposes?
 //!
-//! Both see the same corrupted tokens `z_t` of real clips at the same times, with the clip's caption; compared is the most probable token
-//! of every position. So two planners are compared and not two random walks; what a walk of ten steps makes of the small differences is
-//! reported apart. The same with anchors: those of the clips' own motion, of all families in turn.
+//! Both receive the same corrupted tokens `z_t` of real clips, at the same times and with the clip's caption. Compared is the most probable
+//! token of every position, so that one evaluation is measured and not the random choices of a whole sampling run; how far two runs of
+//! ten steps drift apart is reported separately. The same with anchors on the clips' own motion, of all families in turn.
 
 use motionette::ROWS;
 use motionette::Request;
