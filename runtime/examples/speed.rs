@@ -7,8 +7,8 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
-use motionette::arena::Arena;
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::motion::humanml3d;
 use motionette::planning::{Limits, Session};
 use motionette::{MOST_ROWS, ROWS};

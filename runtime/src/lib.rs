@@ -24,7 +24,7 @@
 //! - [`kernels`]: integer inner loops; the portable ones are the specification.
 //! - [`model`]: a blob opened and resolved to its modules. After [`Model::open`] nothing about it can fail.
 //! - [`blob`]: the model file: format, manifest, checked zero-copy views.
-//! - [`arena`]: the one allocator over the caller's bytes.
+//! - [`memory`]: the one allocator over the caller's bytes.
 //!
 //! # Example
 //! ```no_run
@@ -70,14 +70,17 @@ extern crate std;
 #[cfg(target_endian = "big")]
 compile_error!("motionette reads little-endian weights in place; big-endian targets are not supported");
 
+#[macro_use]
+mod invariant;
+
 mod angle;
-pub mod arena;
 pub mod blob;
 pub mod decoding;
 pub mod generator;
 pub mod hash;
 pub mod kernels;
 mod log;
+pub mod memory;
 pub mod model;
 pub mod motion;
 pub mod nn;

@@ -1,8 +1,8 @@
 //! What a request will need, known before it runs: arena bytes by purpose, and multiply-accumulates.
 
 use crate::JOINTS;
-use crate::arena::bytes_of;
 use crate::decoding::stream::CHUNK;
+use crate::memory::bytes_of;
 use crate::model::Model;
 use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
 use crate::motion::rotations;

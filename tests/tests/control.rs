@@ -1,9 +1,9 @@
 //! Anchors inside the planner, on small random models: their features against dense curves, what they tell the planner against an
 //! f64 oracle, and what a request notices of them.
 
-use motionette::arena::Arena;
 use motionette::blob::{ControlConfig, Error as BlobError, Norm, TransformerConfig};
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::perception::anchors::{AnchorSet, FAMILIES, MAX_ANCHORS};
 use motionette::perception::scaffold::{self, Scaffold, Statistics};
 use motionette::planning::{Limits, Session};

@@ -1,9 +1,9 @@
 //! Input gradients of the runtime's decoder and recovery against central differences of the f64 oracle.
 
 use motionette::Model;
-use motionette::arena::Arena;
 use motionette::decoding::decoder::{Interrupted, Portion};
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::motion::humanml3d::{Features, Path, channels};
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive;

@@ -1,8 +1,8 @@
 //! The planner against an f64 oracle on small random models: text encoder, length, logits, and the sampler's marginals.
 
-use motionette::arena::Arena;
 use motionette::blob::{Activation, Norm};
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::planning::tmd::{Metric, Tmd};
 use motionette::planning::{Limits, Session};
 use motionette::{Fixed, Flow, Generator, Length, Model, Observer, Planning, Prompt, ROWS, Request, Sampling};

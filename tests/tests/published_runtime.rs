@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use motionette::ROWS;
 use motionette::decoding::codebook::Codebooks;
 use motionette::nn::output::Channels;
-use motionette::{Limits, Model, Plan, Request, arena::Arena};
+use motionette::{Limits, Model, Plan, Request, memory::Arena};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint;
 use motionette_host::convert::{self, CardText, Options, calibration};

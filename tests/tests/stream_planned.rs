@@ -1,8 +1,8 @@
 //! A motion planned piece by piece: each segment is what a request with its context given would make, seams are no rougher
 //! than the rest, and the observer may stop it anywhere.
 
-use motionette::arena::Arena;
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
 use motionette::planning::{self, PlanningError};
 use motionette::{

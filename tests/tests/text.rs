@@ -169,7 +169,7 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
         let limits = Limits { words: 6, steps: 5, guided: true, anchors: true };
         let modules = model.planning().unwrap();
         let mut words = vec![0u128; modules.bytes(6, &limits, ROWS).all() / 16];
-        let mut arena = motionette::arena::Arena::new(bytemuck::cast_slice_mut(&mut words));
+        let mut arena = motionette::memory::Arena::new(bytemuck::cast_slice_mut(&mut words));
         let mut session = Session::new(modules, &mut arena, 6, &limits, ROWS).unwrap();
         let _ = session.read(&Prompt::Text("a person waves the left hand"), &mut || Ok(())).unwrap();
         session.anchor(&AnchorSet::new(anchors, 24).unwrap(), 6, &mut || Ok(())).unwrap();

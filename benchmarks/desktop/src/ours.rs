@@ -1,7 +1,7 @@
 //! The runtime, called as `runtime/examples/speed.rs` calls it.
 
 use anyhow::{Context, Result, anyhow};
-use motionette::arena::Arena;
+use motionette::memory::Arena;
 use motionette::decoding::decoder::Workspace;
 use motionette::hash::Stream;
 use motionette::nn::output::Channels;

@@ -77,7 +77,7 @@ pub enum Error {
     },
     /// The planner took more memory than it said.
     #[error("the runtime's planner says: {0}")]
-    Arena(motionette::arena::ArenaTooSmall),
+    Arena(motionette::memory::ArenaTooSmall),
     /// No captioned clip to compare planners with.
     #[error(transparent)]
     Captioned(#[from] captioned::Error),

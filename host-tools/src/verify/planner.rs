@@ -6,8 +6,8 @@
 
 use motionette::ROWS;
 use motionette::Request;
-use motionette::arena::Arena;
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::Prompt;
 use motionette::planning::{Length, Limits, Planning, Session};

@@ -14,7 +14,7 @@
 use super::decoder::{Check, Decoder, Interrupted, Portion};
 use super::layer::{Layer, MAX_LAYERS, Way};
 use super::step::{Count, Gates, Last, Tail, Work};
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::conv1d::accumulators;
 use crate::nn::output::{self, Channels, window};
 use crate::nn::residual;
@@ -28,6 +28,11 @@ struct Tails<'w> {
 }
 
 impl<'s> Tails<'s> {
+    fn take(arena: &mut Arena<'s>, s: &Sizes) -> Result<Self, ArenaTooSmall> {
+        let (q, scales, rows) = (arena.take(s.tails_q)?, arena.take(s.tails_scales)?, arena.take(s.tails_rows)?);
+        Ok(Tails { q, scales, rows })
+    }
+
     /// Takes a layer's from the front.
     fn next(&mut self, layer: &Layer<'_, '_>, way: Way, count: &'s mut Count) -> Tail<'s> {
         let (kept, skipped, width) = (layer.kept(way), layer.skipped(way), layer.width(way));
@@ -133,25 +138,7 @@ impl<'a> Decoder<'a> {
     /// Arena bytes of what a [`Chain`] keeps from chunk to chunk.
     pub(super) fn tails_bytes(&self, way: Way) -> usize {
         let s = self.chain_sizes(way, Portion { tokens: 1, rows: 1 }, 1);
-        bytes_of::<i16>(s.tails_q) + bytes_of::<f32>(s.tails_scales) + bytes_of::<f32>(s.tails_rows)
-    }
-
-    /// Arena bytes of [`Decoder::chain`].
-    pub(super) fn chain_bytes(&self, way: Way, portion: Portion, channels: usize) -> usize {
-        let s = self.chain_sizes(way, portion, channels);
-        self.tails_bytes(way)
-            + bytes_of::<f32>(s.sequence)
-            + bytes_of::<i16>(s.q)
-            + bytes_of::<f32>(s.scales)
-            + bytes_of::<f32>(s.row)
-            + bytes_of::<f32>(s.block * self.width)
-            + bytes_of::<i16>(s.block * self.width)
-            + bytes_of::<f32>(s.block)
-            + bytes_of::<i32>(s.acc)
-            + bytes_of::<f32>(s.output_row)
-            + bytes_of::<i16>(s.output_q)
-            + bytes_of::<f32>(s.output_scales)
-            + bytes_of::<i32>(s.acc_low)
+        Arena::measure(|arena| Tails::take(arena, &s))
     }
 
     /// Takes the buffers for motions of any length with at most `channels` features, of which such portions pass at a time.
@@ -169,11 +156,7 @@ impl<'a> Decoder<'a> {
         Ok(Chain {
             way,
             chunk: portion.tokens,
-            tails: Tails {
-                q: arena.take(s.tails_q)?,
-                scales: arena.take(s.tails_scales)?,
-                rows: arena.take(s.tails_rows)?,
-            },
+            tails: Tails::take(arena, &s)?,
             counts: [Count::default(); MAX_LAYERS],
             sequence: arena.take(s.sequence)?,
             work: Work {
@@ -209,7 +192,7 @@ impl Chain<'_> {
             return &mut [];
         }
         self.rows = tokens.min(self.chunk);
-        self.sequence.get_mut(..self.rows * decoder.code_width()).unwrap_or(&mut [])
+        part_mut!(self.sequence, ..self.rows * decoder.code_width())
     }
 
     /// Begins the next chunk of gradients: that of the last layer's input in `frames` frames from `first` on, of the features'
@@ -226,7 +209,7 @@ impl Chain<'_> {
         let together = scratch.block.scales.len();
         let acc = &mut *scratch.block.acc;
         let mut last = output::Scratch { row: output_row, q: output_q, scales: output_scales, together, acc, acc_low };
-        let dx = self.sequence.get_mut(..frames * decoder.width).unwrap_or(&mut []);
+        let dx = part_mut!(self.sequence, ..frames * decoder.width);
         decoder.output.backward(g, channels, first, dx, &mut last);
         self.rows = frames;
     }
@@ -292,6 +275,6 @@ impl Chain<'_> {
         self.complete = complete;
         width *= *rows;
         (*rows, *begun) = (0, 0);
-        Ok(sequence.get_mut(..width).unwrap_or(&mut []))
+        Ok(part_mut!(sequence, ..width))
     }
 }

@@ -6,8 +6,8 @@
 
 use super::layer::Way;
 use super::step::{Gates, Last};
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
+use crate::memory::{Arena, ArenaTooSmall, bytes_of};
 use crate::nn::conv1d::{Conv1d, Rows, Shape};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::nn::mask;
@@ -185,14 +185,15 @@ impl<'a> Decoder<'a> {
 
     /// Bytes of a pass, whichever way.
     fn pass_bytes(&self, portion: Portion, channels: usize) -> usize {
-        let [forward, back] = [Way::Forward, Way::Back].map(|way| self.chain_bytes(way, portion, channels));
+        let bytes = |way| Arena::measure(|arena| self.chain(arena, way, portion, channels));
+        let [forward, back] = [Way::Forward, Way::Back].map(bytes);
         if forward > back { forward } else { back }
     }
 
     /// Arena bytes of [`Decoder::workspace`].
     #[must_use]
     pub fn workspace_bytes(&self, tokens: usize, channels: usize, rows: usize) -> usize {
-        self.gate_bytes(tokens) + self.pass_bytes(Portion::new(tokens, rows), channels)
+        Arena::measure(|arena| self.workspace(arena, tokens, channels, rows))
     }
 
     /// Takes the buffers for motions of `tokens` tokens and at most `channels` output channels, as much at a time as `rows` says

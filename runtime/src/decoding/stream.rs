@@ -5,7 +5,7 @@ use super::chain::Chain;
 use super::decoder::{Check, Decoder, Interrupted, Portion};
 use super::layer::{Layer, Way};
 use super::step::{Gates, Last};
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::mask;
 use crate::nn::output::Channels;
 
@@ -60,7 +60,7 @@ impl<'a> Decoder<'a> {
     /// Arena bytes of [`Decoder::stream`] in all.
     #[must_use]
     pub fn stream_bytes(&self, channels: usize) -> usize {
-        self.chain_bytes(Way::Forward, PORTION, channels) + bytes_of::<u32>(self.stream_gates())
+        Arena::measure(|arena| self.stream(arena, channels))
     }
 
     /// Takes the buffers for a motion of any length with at most `channels` output channels, before its first token.

@@ -116,7 +116,7 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         let features =
             Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
         let used = self.values.len();
-        let gradient = self.gradient.get_mut(..used).unwrap_or(&mut []);
+        let gradient = part_mut!(self.gradient, ..used);
         features.integrate_gradient(self.path, gradient);
         let (decoder, channels, work) = (self.model.decoder(), self.channels, &mut *self.work);
         let gradient = &*gradient;

@@ -1,7 +1,7 @@
 //! Why a request fails.
 
-use crate::arena::ArenaTooSmall;
 use crate::decoding::codebook::TokenOutOfRange;
+use crate::memory::ArenaTooSmall;
 use crate::perception::anchors::AnchorError;
 use crate::perception::prompt::PromptError;
 use crate::planning::PlanningError;

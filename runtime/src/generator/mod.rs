@@ -15,10 +15,10 @@ pub use request::{Request, Source};
 pub use stream::{Frame, MotionStream, Segment};
 
 use crate::JOINTS;
-use crate::arena::{Arena, ArenaTooSmall};
 use crate::decoding::decoder::Interrupted;
 use crate::hash::Fnv;
 use crate::log;
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
 use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, channels};
 use crate::perception::anchors::{Anchor, AnchorSet, Target};
@@ -255,11 +255,11 @@ impl<'a> Generator<'a> {
         }
         // A predicted length may be shorter than what the buffers are made for.
         let frames = made.tokens * model.frames_per_token();
-        let tokens = tokens.get_mut(..made.tokens * quantizers).unwrap_or(&mut []);
+        let tokens = part_mut!(tokens, ..made.tokens * quantizers);
         let mut take = |count| arena.take::<f32>(count).map_err(too_small);
         let most = limits.tokens * model.frames_per_token();
         let u = take(limits.tokens * decoder.code_width())?;
-        let u = u.get_mut(..made.tokens * decoder.code_width()).unwrap_or(&mut []);
+        let u = part_mut!(u, ..made.tokens * decoder.code_width());
         let features = take(most * feature_columns(limits.anchors))?;
         let mut path = Path {
             cos: take(most)?,
@@ -306,7 +306,7 @@ impl<'a> Generator<'a> {
         }
 
         let all = channels(u32::MAX);
-        let values = features.get_mut(..frames * all.count()).unwrap_or(&mut []);
+        let values = part_mut!(features, ..frames * all.count());
         let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
         // A wish to finish is granted by carrying on: this pass is the end.
         let mut check = || match watch.ask() {
@@ -316,7 +316,7 @@ impl<'a> Generator<'a> {
         let columns = rotation_columns(decoder.output());
         let (q, scales) = (arena.take(most * columns), arena.take(if columns > 0 { most } else { 0 }));
         let (q, scales) = (q.map_err(too_small)?, scales.map_err(too_small)?);
-        work.keep(q.get_mut(..frames * columns).unwrap_or(&mut []), scales.get_mut(..frames).unwrap_or(&mut []));
+        work.keep(part_mut!(q, ..frames * columns), part_mut!(scales, ..frames));
         decoder.forward(u, &all, values, &mut work, &mut check).map_err(|Interrupted| Error::Aborted)?;
         let (mean, std) = (model.mean(), model.std());
         Features { values, channels: &all, mean, std }.integrate(&mut path);

@@ -2,8 +2,8 @@
 
 use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
-use crate::arena::Arena;
 use crate::hash::Stream;
+use crate::memory::Arena;
 use crate::nn::Interrupted;
 use crate::perception::anchors::AnchorSet;
 use crate::perception::prompt::{Heard, Prompt};
@@ -80,7 +80,7 @@ pub(super) fn plan_tokens(
             count = wanted;
         }
     }
-    let tokens = tokens.get_mut(..count).unwrap_or(&mut []);
+    let tokens = part_mut!(tokens, ..count);
     if let Some(anchors) = anchors {
         session.anchor(anchors, count, &mut || wish.ask(&mut watch)).map_err(|Interrupted| Error::Aborted)?;
     }

@@ -4,11 +4,11 @@ use super::observer::{Stage, Watch};
 use super::plan_tokens::plan_tokens;
 use super::{Error, Generator, Observer, Request, Source};
 use crate::JOINTS;
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::decoding::codebook::Codebooks;
 use crate::decoding::decoder::Interrupted;
 use crate::decoding::stream::{self, CHUNK};
 use crate::log;
+use crate::memory::{Arena, ArenaTooSmall, bytes_of};
 use crate::model::{MAX_TOKENS, Model};
 use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, Root, channels};
 use crate::perception::prompt::Heard;
@@ -99,7 +99,7 @@ impl Memory<'_> {
 
     /// `count` positions from `first` on.
     fn get(&self, first: usize, count: usize) -> &[u16] {
-        self.tokens.get(first * self.quantizers..(first + count) * self.quantizers).unwrap_or(&[])
+        part!(self.tokens, first * self.quantizers..(first + count) * self.quantizers)
     }
 
     /// Queues tokens for which there is room. The oldest make way.
@@ -327,11 +327,11 @@ impl MotionStream<'_, '_> {
         }
         let mut arena = self.spare.overlay();
         let window = arena.take::<u16>(capacity).map_err(too_small)?;
-        let window = window.get_mut(..context + count).unwrap_or(&mut []);
+        let window = part_mut!(window, ..context + count);
         let planned =
             plan_tokens(modules, (&limits, self.rows), &mut arena, &prompt, &planning, 1, None, window, observer)?;
         log::debug!("planned {} tokens behind {}", count, context);
-        self.memory.push(window.get(context..).unwrap_or(&[]));
+        self.memory.push(part!(window, context..));
         self.segment = self.segment.wrapping_add(1);
         Ok(Segment { tokens: count, heard: planned.heard })
     }

@@ -13,9 +13,9 @@ use super::conv1d::{Rows, larger};
 use super::linear::Linear;
 use super::norm::{LayerNorm, MAX_INPUT};
 use super::quantise;
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{Activation, Error, Norm, Tensors, TransformerConfig};
 use crate::kernels::room;
+use crate::memory::{Arena, ArenaTooSmall};
 use heapless::Vec;
 
 /// Segments that self-attention may read: a sequence's own rows and those that something else adds.
@@ -124,20 +124,6 @@ pub struct Scratch<'w> {
 }
 
 impl<'w> Scratch<'w> {
-    /// Arena bytes of [`Scratch::new`].
-    #[must_use]
-    pub const fn bytes(sizes: &Sizes) -> usize {
-        2 * bytes_of::<f32>(sizes.rows * sizes.width)
-            + bytes_of::<f32>(sizes.rows * sizes.hidden)
-            + bytes_of::<i16>(sizes.q())
-            + bytes_of::<f32>(sizes.rows)
-            + bytes_of::<i16>(sizes.rows * sizes.head)
-            + bytes_of::<f32>(sizes.rows)
-            + bytes_of::<f32>(sizes.rows * sizes.keys)
-            + bytes_of::<i16>(sizes.rows * sizes.keys)
-            + bytes_of::<i32>(sizes.acc())
-    }
-
     /// Takes the buffers.
     ///
     /// # Errors
@@ -184,7 +170,7 @@ impl<'w> Scratch<'w> {
 fn quantised<'q>(x: &[f32], width: usize, q: &'q mut [i16], scales: &'q mut [f32]) -> Rows<'q> {
     quantise::rows(x, width, quantise::limit(width), q, scales);
     let rows = x.len() / width.max(1);
-    Rows { q: q.get(..rows * width).unwrap_or(&[]), scales: scales.get(..rows).unwrap_or(&[]) }
+    Rows { q: part!(q, ..rows * width), scales: part!(scales, ..rows) }
 }
 
 impl<'a> Block<'a> {

@@ -7,9 +7,9 @@ use super::request::Planning;
 use super::sampling::Sampling;
 use super::tmd::{Metric, Step, Tmd};
 use super::transformer::{Input, Planner};
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::decoding::codebook::Codebooks;
 use crate::hash::Stream;
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
@@ -117,14 +117,6 @@ struct Pass<'s> {
 }
 
 impl<'s> Pass<'s> {
-    fn bytes(l: &Lengths) -> usize {
-        2 * bytes_of::<i8>(l.own)
-            + 2 * bytes_of::<f32>(l.own_scales)
-            + Scratch::bytes(&l.sizes)
-            + bytes_of::<f32>(l.guided)
-            + bytes_of::<f32>(l.work)
-    }
-
     fn new(arena: &mut Arena<'s>, l: &Lengths) -> Result<Self, ArenaTooSmall> {
         Ok(Pass {
             keys: arena.take(l.own)?,
@@ -157,13 +149,6 @@ struct Draw<'s> {
 }
 
 impl<'s> Draw<'s> {
-    fn bytes(l: &Lengths) -> usize {
-        Scratch::bytes(&l.logits)
-            + bytes_of::<f32>(DRAWN * l.codes)
-            + bytes_of::<f32>(l.codes)
-            + bytes_of::<f32>(l.units)
-    }
-
     fn new(arena: &mut Arena<'s>, l: &Lengths) -> Result<Self, ArenaTooSmall> {
         Ok(Draw {
             scratch: Scratch::new(arena, &l.logits)?,
@@ -241,20 +226,11 @@ impl<'m, 'b> Modules<'m, 'b> {
 
     /// Arena bytes of [`Session::new`].
     #[must_use]
+    #[inline(never)]
     pub fn bytes(&self, tokens: usize, limits: &Limits, rows: usize) -> Bytes {
-        let l = self.lengths(tokens, limits, rows);
-        Bytes {
-            text: Condition::bytes(self.planner, l.words, 1)
-                + Condition::bytes(self.planner, l.none, usize::from(limits.guided)),
-            anchors: Condition::bytes(self.planner, l.anchors.0, l.anchors.1),
-            rows: bytes_of::<u16>(l.words)
-                + bytes_of::<f32>(self.text.width())
-                + bytes_of::<f32>(self.text.length().outputs())
-                + bytes_of::<f32>(l.x)
-                + bytes_of::<u16>(l.tokens),
-            pass: Pass::bytes(&l),
-            draw: Draw::bytes(&l),
-        }
+        let session = Session::new(*self, &mut Arena::measuring(), tokens, limits, rows);
+        invariant!(session.is_ok(), "an arena that measures refuses nothing");
+        session.map_or(Bytes::default(), |session| session.bytes)
     }
 
     /// Multiply-accumulates of a plan at most: text and anchors read, all passes, logits and distances of every position and step.
@@ -301,6 +277,8 @@ pub struct Session<'m, 'b, 'w> {
     proposal: &'w mut [u16],
     predicted: usize,
     needed: Lengths,
+    /// What it has taken.
+    bytes: Bytes,
     /// Where [`Pass`] and [`Draw`] take turns.
     spare: Arena<'w>,
 }
@@ -318,19 +296,40 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         rows: usize,
     ) -> Result<Self, ArenaTooSmall> {
         let l = modules.lengths(tokens, limits, rows);
+        let begin = arena.used();
+        let text = Condition::new(modules.planner, arena, l.words, 1)?;
+        let none = Condition::new(modules.planner, arena, l.none, usize::from(limits.guided))?;
+        let of_text = arena.used() - begin;
+        let anchors = Condition::new(modules.planner, arena, l.anchors.0, l.anchors.1)?;
+        let of_anchors = arena.used() - begin - of_text;
+        let words = arena.take(l.words)?;
+        let pooled = arena.take(modules.text.width())?;
+        let lengths = arena.take(modules.text.length().outputs())?;
+        let x = arena.take(l.x)?;
+        let proposal = arena.take(l.tokens)?;
+        let bytes = Bytes {
+            text: of_text,
+            anchors: of_anchors,
+            rows: arena.used() - begin - of_text - of_anchors,
+            pass: Arena::measure(|arena| Pass::new(arena, &l)),
+            draw: Arena::measure(|arena| Draw::new(arena, &l)),
+        };
+        let spare = arena.part(bytes.working())?;
+        let (predicted, needed) = (0, l);
         Ok(Session {
             modules,
-            text: Condition::new(modules.planner, arena, l.words, 1)?,
-            none: Condition::new(modules.planner, arena, l.none, usize::from(limits.guided))?,
-            anchors: Condition::new(modules.planner, arena, l.anchors.0, l.anchors.1)?,
-            words: arena.take(l.words)?,
-            pooled: arena.take(modules.text.width())?,
-            lengths: arena.take(modules.text.length().outputs())?,
-            x: arena.take(l.x)?,
-            proposal: arena.take(l.tokens)?,
-            predicted: 0,
-            needed: l,
-            spare: arena.part(modules.bytes(tokens, limits, rows).working())?,
+            text,
+            none,
+            anchors,
+            words,
+            pooled,
+            lengths,
+            x,
+            proposal,
+            predicted,
+            needed,
+            bytes,
+            spare,
         })
     }
 
@@ -379,9 +378,9 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let width = text.width();
         let memory = match reading {
             Reading::Words(count) => {
-                let memory = self.x.get_mut(..count * width).unwrap_or(&mut []);
+                let memory = part_mut!(self.x, ..count * width);
                 if let Some(encoder) = text.encoder() {
-                    let words = self.words.get(..count).unwrap_or(&[]);
+                    let words = part!(self.words, ..count);
                     let (mut own, scratch) = pass.split(count);
                     encoder.encode(words, memory, self.pooled, &mut own, scratch, check)?;
                 }
@@ -390,7 +389,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             Reading::Stored(name) => match text.bank().get(name) {
                 None => &mut [],
                 Some(entry) => {
-                    let memory = self.x.get_mut(..entry.rows() * width).unwrap_or(&mut []);
+                    let memory = part_mut!(self.x, ..entry.rows() * width);
                     entry.read(memory, self.pooled);
                     memory
                 }
@@ -479,8 +478,8 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let planner = self.modules.planner;
         let Ok(mut draw) = Draw::new(&mut self.spare.overlay(), &self.needed) else { return &[] };
         let width = planner.width();
-        draw.block(planner, self.x.get((1 + position) * width..(2 + position) * width).unwrap_or(&[]));
-        draw.logits.get(..planner.codes()).unwrap_or(&[])
+        draw.block(planner, part!(self.x, (1 + position) * width..(2 + position) * width));
+        part!(draw.logits, ..planner.codes())
     }
 
     /// Draws a proposal for every position of the last pass, and moves `tokens` towards it: the whole way without `step`.
@@ -492,7 +491,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         // Computed anew in each step: it costs less than the memory that it would take from the passes.
         let metric = step.map(|step| (step, Metric::new(self.modules.codebooks, units)));
         let sampling: Sampling = planning.sampling;
-        let rows = self.x.get(width..(1 + tokens.len()) * width).unwrap_or(&[]);
+        let rows = part!(self.x, width..(1 + tokens.len()) * width);
         let mut positions = tokens.iter_mut().zip(self.proposal.iter_mut()).enumerate();
         for rows in rows.chunks(DRAWN * width) {
             draw.block(planner, rows);

@@ -1,7 +1,7 @@
 //! The one allocator: a bump pointer over the caller's static bytes.
 //!
-//! A request carves its buffers in a fixed order and gives all of them back at once when it ends. Sizes are computed
-//! by the same functions that [`Plan`](crate::Plan) uses, so what the plan says is what is taken.
+//! A request carves its buffers in a fixed order and gives all of them back at once when it ends. The function that takes buffers is their
+//! only declaration: over an arena that measures ([`Arena::measure`]) it takes nothing and counts, and that count is the plan.
 
 use bytemuck::Pod;
 
@@ -30,10 +30,13 @@ impl core::fmt::Display for ArenaTooSmall {
 
 impl core::error::Error for ArenaTooSmall {}
 
-/// Bytes that `count` values of `T` take in an arena, padding included.
+/// Bytes that `count` values of `T` take in an arena, padding included; `usize::MAX` where there are no so many.
 #[must_use]
 pub const fn bytes_of<T>(count: usize) -> usize {
-    (count * size_of::<T>()).next_multiple_of(ALIGNMENT)
+    match count.saturating_mul(size_of::<T>()).checked_next_multiple_of(ALIGNMENT) {
+        Some(bytes) => bytes,
+        None => usize::MAX,
+    }
 }
 
 /// What is left of the caller's bytes.
@@ -41,6 +44,8 @@ pub const fn bytes_of<T>(count: usize) -> usize {
 pub struct Arena<'a> {
     free: &'a mut [u8],
     used: usize,
+    /// No memory, but as much of it as is asked for: every buffer is empty and counted.
+    measures: bool,
 }
 
 impl<'a> Arena<'a> {
@@ -49,13 +54,29 @@ impl<'a> Arena<'a> {
     pub fn new(memory: &'a mut [u8]) -> Self {
         let skip = memory.as_ptr().align_offset(ALIGNMENT);
         let free = memory.get_mut(skip..).unwrap_or(&mut []);
-        Arena { free, used: 0 }
+        Arena { free, used: 0, measures: false }
+    }
+
+    /// Arena bytes that `carve` takes, from an aligned start: it is run over an arena that has no memory, counts, and hands out empty
+    /// buffers. `usize::MAX` when there are no so many.
+    #[must_use]
+    pub fn measure<T>(carve: impl FnOnce(&mut Arena<'static>) -> Result<T, ArenaTooSmall>) -> usize {
+        let mut arena = Arena::measuring();
+        let carved = carve(&mut arena);
+        invariant!(carved.is_ok(), "an arena that measures refuses nothing");
+        arena.used
+    }
+
+    /// An arena that measures.
+    #[must_use]
+    pub const fn measuring() -> Arena<'static> {
+        Arena { free: &mut [], used: 0, measures: true }
     }
 
     /// The same place once more, for a stage whose buffers the next stages take over when it is done.
     #[must_use]
     pub fn overlay(&mut self) -> Arena<'_> {
-        Arena { free: &mut *self.free, used: self.used }
+        Arena { free: &mut *self.free, used: self.used, measures: self.measures }
     }
 
     /// Takes so many bytes as an arena of its own.
@@ -63,7 +84,7 @@ impl<'a> Arena<'a> {
     /// # Errors
     /// [`ArenaTooSmall`] when fewer are left.
     pub fn part(&mut self, bytes: usize) -> Result<Arena<'a>, ArenaTooSmall> {
-        Ok(Arena { free: self.take(bytes)?, used: 0 })
+        Ok(Arena { free: self.take(bytes)?, used: 0, measures: self.measures })
     }
 
     /// Bytes there are in all, those taken included.
@@ -84,14 +105,27 @@ impl<'a> Arena<'a> {
     /// [`ArenaTooSmall`] when fewer bytes are left.
     pub fn take<T: Pod>(&mut self, count: usize) -> Result<&'a mut [T], ArenaTooSmall> {
         let needed = bytes_of::<T>(count);
-        let short = ArenaTooSmall { needed: self.used + needed, available: self.available() };
-        let free = core::mem::take(&mut self.free);
-        let (taken, free) = free.split_at_mut_checked(needed).ok_or(short)?;
-        self.free = free;
-        self.used += needed;
-        taken.fill(0);
+        let short = ArenaTooSmall { needed: self.used.saturating_add(needed), available: self.available() };
+        let taken = self.claim(needed).ok_or(short)?;
+        if self.measures {
+            return Ok(&mut []);
+        }
         let values: &mut [T] = bytemuck::try_cast_slice_mut(taken).map_err(|_| short)?;
         values.get_mut(..count).ok_or(short)
+    }
+
+    /// Takes so many bytes, all zero; none where there are fewer.
+    fn claim(&mut self, bytes: usize) -> Option<&'a mut [u8]> {
+        if self.measures {
+            self.used = self.used.saturating_add(bytes);
+            return Some(&mut []);
+        }
+        let free = core::mem::take(&mut self.free);
+        let (taken, free) = free.split_at_mut_checked(bytes)?;
+        self.free = free;
+        self.used += bytes;
+        taken.fill(0);
+        Some(taken)
     }
 }
 
@@ -138,5 +172,21 @@ mod tests {
         let _ = arena.take::<u8>(16);
         let available = 16 + arena.free.len();
         assert_eq!(arena.take::<f32>(100).unwrap_err(), ArenaTooSmall { needed: 416, available });
+    }
+
+    #[test]
+    fn what_is_measured_is_what_is_taken() {
+        fn carve<'a>(arena: &mut Arena<'a>) -> Result<[&'a mut [f32]; 2], ArenaTooSmall> {
+            let first = arena.take::<f32>(3)?;
+            arena.overlay().take::<u16>(1000)?;
+            Ok([first, arena.part(40)?.take::<f32>(10)?])
+        }
+        assert_eq!(Arena::measure(|arena| carve(arena)), 16 + 48);
+        let mut memory = [0u128; 70];
+        let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
+        let [_, _] = carve(&mut arena).unwrap();
+        assert_eq!(arena.used(), 16 + 48);
+        assert_eq!(Arena::measure(|arena| arena.take::<f32>(usize::MAX / 2)), usize::MAX);
+        assert_eq!(Arena::measure(|arena| arena.take::<f32>(7).and_then(|_| arena.take::<u8>(usize::MAX))), usize::MAX);
     }
 }
