@@ -51,19 +51,29 @@ impl Tensor {
 /// # Errors
 /// [`Error`].
 pub fn write(manifest: &Manifest<'_>, tensors: &[Tensor]) -> Result<AlignedBlob, Error> {
-    let mut weights: Vec<u8> = Vec::new();
-    let mut text = postcard::to_stdvec(manifest)?;
+    let (mut table, mut weights) = (Vec::new(), Vec::new());
     for tensor in tensors {
         weights.resize(weights.len().next_multiple_of(ALIGNMENT), 0);
         let offset = narrow(weights.len(), "weight section")?;
         let entry = TensorEntry { name: &tensor.name, dtype: tensor.dtype, shape: tensor.shape, offset };
-        text.extend(postcard::to_stdvec(&entry)?);
+        table.extend(postcard::to_stdvec(&entry)?);
         weights.extend_from_slice(&tensor.bytes);
     }
+    let minor = if tensors.iter().any(|t| t.dtype == DType::I4) { MINOR } else { 0 };
+    file(minor, manifest, &table, &weights)
+}
+
+/// The bytes of a blob from its parts: header, `manifest`, the tensor `table` as it is on the wire, `weights`.
+///
+/// # Errors
+/// [`Error`].
+pub fn file(minor: u16, manifest: &Manifest<'_>, table: &[u8], weights: &[u8]) -> Result<AlignedBlob, Error> {
+    let mut text = postcard::to_stdvec(manifest)?;
+    text.extend_from_slice(table);
     let offset = (HEADER_LEN + text.len()).next_multiple_of(ALIGNMENT);
     let mut header = Header {
         major: MAJOR,
-        minor: if tensors.iter().any(|t| t.dtype == DType::I4) { MINOR } else { 0 },
+        minor,
         total_len: narrow(offset + weights.len(), "blob")?,
         manifest_len: narrow(text.len(), "manifest")?,
         weights_offset: narrow(offset, "manifest")?,
@@ -73,7 +83,7 @@ pub fn write(manifest: &Manifest<'_>, tensors: &[Tensor]) -> Result<AlignedBlob,
     let mut blob = header.emit().to_vec();
     blob.extend(text);
     blob.resize(offset, 0);
-    blob.extend(weights);
+    blob.extend_from_slice(weights);
     header.crc = Header::checksum(&blob);
     blob[..HEADER_LEN].copy_from_slice(&header.emit());
     Ok(AlignedBlob::new(&blob))
