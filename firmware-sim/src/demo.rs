@@ -24,7 +24,7 @@ use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};
 use motionette_host::dataset::captioned::CaptionedMotion;
 use motionette_host::motion::Pose;
 use motionette_host::reference::bridge::reference_anchor;
-use motionette_host::reference::{Prior, Road};
+use motionette_host::reference::{DecodePath, Prior};
 use motionette_host::verify::planner;
 use motionette_host::{anchors_file, export, output, robot_file};
 use std::path::{Path, PathBuf};
@@ -176,7 +176,7 @@ impl Cmd {
         };
 
         let started = Instant::now();
-        let reference = Road::<f32>::new(&checkpoint)?.forward(&after.u).joints;
+        let reference = DecodePath::<f32>::new(&checkpoint)?.forward(&after.u).joints;
         let reference_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut agreement = Agreement::default();
         agreement.add(&source.name, &after.joints, &reference);

@@ -23,7 +23,7 @@
 //! | [`device`] | a robot at the other end of a line: ports, requests, repetition |
 //! | [`cli`] | the `motionette` command line |
 //!
-//! Nothing here runs on a device and nothing here links the training framework. The reference road shares manifest types with
+//! Nothing here runs on a device and nothing here links the training framework. The reference shares manifest types with
 //! the runtime and no numerical code.
 
 #![deny(unsafe_code)]

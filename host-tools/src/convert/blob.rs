@@ -244,7 +244,8 @@ fn push_part(tensors: &mut Vec<Tensor>, part: &QuantisedPart) -> Result<(), Erro
 }
 
 fn tensors(checkpoint: &TokenizerCheckpoint, layers: &[QuantisedConv1d]) -> Result<Vec<Tensor>, Error> {
-    let statistics = checkpoint.statistics.as_ref().ok_or(crate::reference::road::RoadError::NoStatistics)?;
+    let statistics =
+        checkpoint.statistics.as_ref().ok_or(crate::reference::decode_path::DecodePathError::NoStatistics)?;
     let std: Vec<f32> = statistics.std.iter().map(|&s| s as f32).collect();
     if let Some(channel) = std.iter().position(|s| !(s.is_normal() && *s > 0.0)) {
         return Err(Error::Std { channel, value: statistics.std[channel] });

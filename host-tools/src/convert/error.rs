@@ -1,6 +1,6 @@
 //! Why a checkpoint could not become a blob.
 
-use crate::reference::road::RoadError;
+use crate::reference::decode_path::DecodePathError;
 use crate::reference::tokenizer::EncodeError;
 
 /// A conversion failed. Nothing was written.
@@ -18,7 +18,7 @@ pub enum Error {
     },
     /// The checkpoint lacks what a motion needs.
     #[error(transparent)]
-    Road(#[from] RoadError),
+    DecodePath(#[from] DecodePathError),
     /// A standard deviation that cannot be a scale.
     #[error("std[{channel}] is {value}, expected a positive number; the statistics are damaged")]
     Std {

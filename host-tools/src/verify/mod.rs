@@ -19,9 +19,9 @@ use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint}
 use crate::dataset::{Dataset, Split, captioned};
 use crate::motion::Pose;
 use crate::reference::bridge::runtime_token;
-use crate::reference::road::RoadError;
+use crate::reference::decode_path::DecodePathError;
 use crate::reference::tokenizer::EncodeError;
-use crate::reference::{Road, Tokenizer};
+use crate::reference::{DecodePath, Tokenizer};
 
 /// Mean root-aligned joint error allowed, millimetres.
 pub const MEAN_BUDGET_MM: f64 = 1.0;
@@ -40,7 +40,7 @@ pub enum Error {
     Blob(#[from] blob::Error),
     /// The checkpoint lacks what a motion needs.
     #[error(transparent)]
-    Road(#[from] RoadError),
+    DecodePath(#[from] DecodePathError),
     /// Blob and checkpoint are not of one model.
     #[error(
         "blob and checkpoint are different models: {what} is {blob} in the blob and {checkpoint} in the checkpoint"
@@ -320,10 +320,10 @@ pub fn verify(
     progress: impl Fn() + Sync,
 ) -> Result<Verification, Error> {
     check_same_model(blob, checkpoint)?;
-    let road = Road::<f32>::new(checkpoint)?;
+    let decode_path = DecodePath::<f32>::new(checkpoint)?;
     let compared = crate::parallel::map(sequences, |s| -> Result<_, Error> {
         let motion = run(blob, &s.id, &Request::tokens(&s.tokens))?;
-        let reference = road.forward(&motion.u).joints;
+        let reference = decode_path.forward(&motion.u).joints;
         progress();
         Ok((motion, reference))
     });
@@ -336,7 +336,8 @@ pub fn verify(
     }
     agreement.finish();
     let layers = layers::measure(blob, checkpoint, &latents)?;
-    let solvers = if solver_clips > 0 { Some(solvers::compare(blob, &road, sequences, solver_clips)?) } else { None };
+    let solvers =
+        if solver_clips > 0 { Some(solvers::compare(blob, &decode_path, sequences, solver_clips)?) } else { None };
     let budgets = budgets(&agreement);
     Ok(Verification { agreement, budgets, layers, solvers, planner: None, control: None })
 }

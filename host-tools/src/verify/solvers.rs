@@ -11,7 +11,7 @@ use crate::reference::bridge::runtime_anchors;
 use crate::reference::interval_basis::Basis;
 use crate::reference::objective::Weights;
 use crate::reference::route_solver::Settings;
-use crate::reference::{Anchor, Road, Target, anchors::control_error, quasi_newton};
+use crate::reference::{Anchor, DecodePath, Target, anchors::control_error, quasi_newton};
 
 use super::{Error, Sequence, run};
 
@@ -44,7 +44,12 @@ pub struct Report {
 ///
 /// # Errors
 /// [`Error`].
-pub fn compare(blob: &BlobFile, road: &Road<f32>, sequences: &[Sequence], count: usize) -> Result<Report, Error> {
+pub fn compare(
+    blob: &BlobFile,
+    decode_path: &DecodePath<f32>,
+    sequences: &[Sequence],
+    count: usize,
+) -> Result<Report, Error> {
     let config = Config::default();
     let quantizers = blob.model()?.codebooks().quantizers();
     let mut chosen: Vec<&Sequence> = sequences.iter().filter(|s| s.tokens.len() >= 8 * quantizers).collect();
@@ -76,10 +81,10 @@ pub fn compare(blob: &BlobFile, road: &Road<f32>, sequences: &[Sequence], count:
             },
             ..Settings::default()
         };
-        let own = quasi_newton::solve(road, &anchors, &plain.u, &settings, usize::from(config.evaluations));
+        let own = quasi_newton::solve(decode_path, &anchors, &plain.u, &settings, usize::from(config.evaluations));
         report.before_cm += share * own.error_before;
         report.runtime_cm += share * control_error(&anchors, &bent.joints);
-        report.runtime_in_reference_cm += share * control_error(&anchors, &road.forward(&bent.u).joints);
+        report.runtime_in_reference_cm += share * control_error(&anchors, &decode_path.forward(&bent.u).joints);
         report.reference_cm += share * own.error_after;
         agreement.add(&sequence.id, &bent.joints, &own.joints);
     }
