@@ -31,7 +31,7 @@ pub enum ErrorKind {
     #[error("not a valid safetensors file: {0}; the file is damaged or was cut short")]
     Safetensors(String),
     /// The zip container is damaged or uses something that `torch.save` does not write.
-    #[error("zip container, {what}; the file is damaged or was not written by torch.save")]
+    #[error("zip container, {what}; the file was cut short, is damaged, or was not written by torch.save")]
     Zip {
         /// What is wrong, and with which entry.
         what: String,

@@ -22,7 +22,8 @@ impl<'a> Archive<'a> {
     /// # Errors
     /// [`ErrorKind::Zip`] when it is damaged or cut short.
     pub fn open(bytes: &'a [u8]) -> Result<Self> {
-        let entries = ZipArchive::new(Cursor::new(bytes)).map_err(|e| bad(reason(&e)))?;
+        let entries = ZipArchive::new(Cursor::new(bytes))
+            .map_err(|e| bad(format!("its directory cannot be read ({})", reason(&e))))?;
         Ok(Self { entries })
     }
 
@@ -36,7 +37,7 @@ impl<'a> Archive<'a> {
     /// # Errors
     /// [`ErrorKind::Zip`] when the entry is compressed or encrypted, lies outside the file, or does not match its CRC-32.
     pub fn read(&mut self, name: &str) -> Result<Option<Vec<u8>>> {
-        let failed = |what: String| bad(format!("entry `{name}`: {what}"));
+        let failed = |what: String| bad(format!("entry `{name}` cannot be read ({what})"));
         let mut entry = match self.entries.by_name(name) {
             Err(ZipError::FileNotFound) => return Ok(None),
             found => found.map_err(|e| failed(reason(&e)))?,
