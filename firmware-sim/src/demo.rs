@@ -281,7 +281,7 @@ impl Cmd {
             (Some(text), _, _) => source::prompt(text),
             (None, Some(path), _) => source::recording(path, checkpoint, model.max_tokens())?,
             (None, None, Some(name)) => source::bundled(Some(name))?,
-            (None, None, None) => source::default_job()?,
+            (None, None, None) => source::default_job(model.frame_rate())?,
         };
         if let Some(path) = &self.anchors {
             source.anchors = anchors_file::read(path)?;
@@ -376,12 +376,13 @@ impl Cmd {
         };
         let guided = case.guided(&prior, 1.0);
         let codes = prior.planner.codes;
+        let planning = self.planning(&blob.model()?);
         // The first step saw random tokens, every other one what the step before it left.
         let mut stream = Stream::new(self.seed);
         let first: Vec<u16> = after.tokens.iter().map(|_| stream.below(codes as u32) as u16).collect();
         let (mut same, mut positions) = (0, 0);
         for (k, tokens) in std::iter::once(&first).chain(&after.steps).take(after.steps.len()).enumerate() {
-            let time = k as f64 / after.steps.len() as f64;
+            let time = f64::from(planning.schedule.time(k as u16, planning.steps));
             let (expected, found) =
                 (prior.logits(&guided, tokens, time, &[]), planner::logits(blob, &case, tokens, time)?);
             for (a, b) in expected.chunks_exact(codes).zip(found.chunks_exact(codes)) {

@@ -42,7 +42,7 @@
 //! // Seconds and metres: the pelvis half a metre ahead after 1.4 s, the hand up before that.
 //! let anchors =
 //!     Anchors::new().root_at(1.4, [0.1, 0.9, 0.5]).joint_at(0.8, Joint::RightWrist, [-0.3, 1.4, 0.4]);
-//! let motion = generator.generate(&Request::tokens(&tokens).through(anchors.as_slice()?), &mut ())?;
+//! let motion = generator.generate(&Request::tokens(&tokens).through(&anchors), &mut ())?;
 //! // With a planner in the blob: `Request::text("a person waves").frames(100).seed(7)` instead of `tokens`.
 //! for frame in motion.frames() {
 //!     let _wrist = frame[Joint::RightWrist.index()]; // metres, 20 frames a second
@@ -89,18 +89,20 @@ pub mod plan;
 pub mod planning;
 pub mod playback;
 pub mod refining;
+pub mod stop;
 
 pub use generator::{
-    Error, Flow, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
+    Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
 };
 pub use model::Model;
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
 pub use perception::anchors::{Anchor, Target};
-pub use perception::authoring::Anchors;
+pub use perception::authoring::{AnchorList, Anchors};
 pub use perception::joint::Joint;
 pub use perception::prompt::Prompt;
-pub use plan::{Limits, Plan, ROWS, StreamLimits, StreamPlan};
+pub use plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
 pub use planning::{Fixed, Length, Planning, Sampling, Schedule};
+pub use stop::Stop;
 
 /// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).
 pub const JOINTS: usize = 22;

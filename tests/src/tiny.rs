@@ -25,6 +25,8 @@ pub struct Shape {
     pub wide: u16,
     /// Longest motion.
     pub max_tokens: u16,
+    /// Frames a second.
+    pub frame_rate: u16,
     /// Text encoder, stored prompts and planner.
     pub prior: Option<PriorShape>,
 }
@@ -91,6 +93,7 @@ impl Default for Shape {
             dilations: vec![3, 1],
             wide: 4,
             max_tokens: 49,
+            frame_rate: 20,
             prior: None,
         }
     }
@@ -491,7 +494,7 @@ impl Tiny {
         let manifest = Manifest {
             card: Card { name: "tiny", licence: "MIT OR Apache-2.0", data: "random numbers", checkpoint: "" },
             representation: Representation::HumanMl3d,
-            frame_rate: 20,
+            frame_rate: shape.frame_rate,
             max_tokens: shape.max_tokens,
             decoder: DecoderConfig {
                 width,

@@ -48,7 +48,7 @@ fn hash(generator: &mut Generator<'_>, request: &Request<'_>, name: &str) -> u64
 
 /// The default job, and its anchors met by every method.
 fn refinements(model: &Model<'_>, hashes: &mut Hashes) {
-    let job = source::default_job().expect("the build's anchors are right");
+    let job = source::default_job(model.frame_rate()).expect("the build's anchors are right");
     let request = Request::text("a person walks forward").frames(100).seed(1).through(&job.anchors);
     assert_eq!(job.caption, "a person walks forward");
     let mut refined = |name: &str, config: Config| {

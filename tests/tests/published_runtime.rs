@@ -3,6 +3,7 @@
 //! Random weights quantise worse than trained ones and nothing here is calibrated on data, so the budgets are wider than those of
 //! DESIGN section 6; every mistake in the fixtures' README is far beyond them.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use motionette::ROWS;
@@ -62,7 +63,7 @@ fn features(model: &Model<'_>, tokens: &[u16]) -> Vec<f32> {
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut bytes));
     let mut work = decoder.workspace(&mut arena, length, all.count(), ROWS).expect("an arena as planned");
     let mut out = vec![0.0; length * decoder.upsampling() * all.count()];
-    decoder.forward(&u, &all, &mut out, &mut work, &mut || Ok(())).expect("not interrupted");
+    assert!(decoder.forward(&u, &all, &mut out, &mut work, &mut || ControlFlow::Continue(())).is_continue());
     out
 }
 
@@ -125,7 +126,8 @@ fn self_test_of_a_converted_blob_passes() {
         planning: None,
         rows: ROWS,
     };
-    let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(16)];
+    let mut arena =
+        vec![0_u128; Plan::for_request(&model, &limits).expect("the limits are legal").arena_bytes.div_ceil(16)];
     let mut generator =
         motionette::Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).expect("default rounding");
     assert_eq!(generator.self_test().expect("room"), Some(true));

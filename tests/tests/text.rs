@@ -9,12 +9,13 @@ use motionette::planning::sampling::SamplingError;
 use motionette::planning::{Limits, PlanningError, Session};
 use motionette::refining::Config;
 use motionette::{
-    Anchor, Error, Fixed, Flow, Generator, Length, Model, Motion, Observer, Planning, Progress, Prompt, Request,
-    Sampling, Schedule, Stage,
+    Anchor, Error, Fixed, Generator, Length, Model, Motion, Observer, Planning, Progress, Prompt, Request, Sampling,
+    Schedule, Stage, Stop,
 };
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive_prior;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
+use std::ops::ControlFlow;
 
 const CODES: u16 = 11;
 
@@ -163,7 +164,7 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
             _ => Sampling::Gumbel { temperature: 0.8 },
         };
         let anchors = if seed % 2 == 0 { all.as_slice() } else { &[] };
-        let request = Request { anchors, ..base().seed(seed).sampling(sampling).fixed(&fixed).steps(5) };
+        let request = base().seed(seed).sampling(sampling).fixed(&fixed).steps(5).anchors(anchors);
         let got = with(&tiny, |generator| trace(generator, &request));
 
         let limits = Limits { words: 6, steps: 5, guided: true, anchors: true };
@@ -171,8 +172,10 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
         let mut words = vec![0u128; modules.bytes(6, &limits, ROWS).all() / 16];
         let mut arena = motionette::memory::Arena::new(bytemuck::cast_slice_mut(&mut words));
         let mut session = Session::new(modules, &mut arena, 6, &limits, ROWS).unwrap();
-        let _ = session.read(&Prompt::Text("a person waves the left hand"), &mut || Ok(())).unwrap();
-        session.anchor(&AnchorSet::new(anchors, 24).unwrap(), 6, &mut || Ok(())).unwrap();
+        let _ = session.read(&Prompt::Text("a person waves the left hand"), &mut || ControlFlow::Continue(())).unwrap();
+        assert!(
+            session.anchor(&AnchorSet::new(anchors, 24).unwrap(), 6, &mut || ControlFlow::Continue(())).is_continue()
+        );
         let mut stream = Stream::new(seed);
         let given = |i: usize| fixed.iter().find(|f| usize::from(f.position) == i).map(|f| f.token);
         let mut z: Vec<u16> = (0..6)
@@ -184,7 +187,7 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
         let mut want = Vec::new();
         for step in 0..5u16 {
             let (t, h) = (f64::from(step) / 5.0, 0.2);
-            session.pass(&z, t as f32, &request.planning, &mut || Ok(())).unwrap();
+            assert!(session.pass(&z, t as f32, &request.planning, &mut || ControlFlow::Continue(())).is_continue());
             for i in 0..6 {
                 let logits: Vec<f64> = session.logits(i).iter().map(|&l| f64::from(l)).collect();
                 let largest = |l: &[f64]| (0..l.len()).rev().max_by(|&a, &b| l[a].total_cmp(&l[b])).unwrap();
@@ -380,25 +383,25 @@ fn painted_memory_is_what_the_plan_says() {
 struct Stopper {
     calls: usize,
     at: usize,
-    wish: Flow,
+    wish: ControlFlow<Stop>,
     stage: Option<Stage>,
     steps: usize,
 }
 
 impl Stopper {
-    fn new(at: usize, wish: Flow) -> Self {
+    fn new(at: usize, wish: ControlFlow<Stop>) -> Self {
         Stopper { calls: 0, at, wish, stage: None, steps: 0 }
     }
 }
 
 impl Observer for Stopper {
-    fn progress(&mut self, progress: Progress) -> Flow {
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         self.calls += 1;
         if self.calls == self.at {
             self.stage = Some(progress.stage);
             return self.wish;
         }
-        Flow::Continue
+        ControlFlow::Continue(())
     }
 
     fn tokens(&mut self, _: u16, _: &[u16]) {
@@ -412,18 +415,18 @@ fn stopping_at_any_observer_call_leaves_the_generator_as_it_was() {
     let fixed = [Fixed { position: 1, token: 6 }];
     let request = base().fixed(&fixed).steps(3).through(&anchors).refined(Config::fast(3));
     with(&tiny(), |generator| {
-        let mut counter = Stopper::new(0, Flow::Continue);
+        let mut counter = Stopper::new(0, ControlFlow::Continue(()));
         let motion = generator.generate(&request, &mut counter).unwrap();
         let (hash, calls) = (motion.hash(), counter.calls);
         assert!(calls > 40, "{calls} calls");
         let mut seen = Vec::new();
         for at in 1..=calls {
-            let mut stopper = Stopper::new(at, Flow::Abort);
+            let mut stopper = Stopper::new(at, ControlFlow::Break(Stop::Abort));
             assert_eq!(generator.generate(&request, &mut stopper).map(|m| m.hash()), Err(Error::Aborted), "call {at}");
             assert_eq!(stopper.calls, at, "an abort is immediate");
             seen.extend(stopper.stage);
 
-            let mut stopper = Stopper::new(at, Flow::Finish);
+            let mut stopper = Stopper::new(at, ControlFlow::Break(Stop::Finish));
             let motion = generator.generate(&request, &mut stopper).unwrap_or_else(|e| panic!("call {at}: {e}"));
             assert!(motion.joints().iter().all(|v| v.is_finite()));
             assert_eq!((motion.tokens().len(), motion.tokens()[1]), (6, 6));
@@ -450,12 +453,12 @@ fn finishing_takes_the_last_proposals() {
     // Finish at the second step's first layer: what comes out is the first step's proposal, as one step alone gives it.
     struct Second(bool);
     impl Observer for Second {
-        fn progress(&mut self, progress: Progress) -> Flow {
+        fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
             if progress.stage == Stage::Planning && progress.evaluation == 2 && !self.0 {
                 self.0 = true;
-                return Flow::Finish;
+                return ControlFlow::Break(Stop::Finish);
             }
-            Flow::Continue
+            ControlFlow::Continue(())
         }
     }
     with(&tiny(), |generator| {

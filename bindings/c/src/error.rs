@@ -310,6 +310,8 @@ impl From<AnchorError> for mtn_result {
             AnchorError::NotFinite { index } => at(mtn_error::AnchorNotFinite, index, 0, 0),
             AnchorError::TooFar { index, limit } => at(mtn_error::AnchorTooFar, index, 0, limit as usize),
             AnchorError::Conflict { first, second } => at(mtn_error::AnchorConflict, second, first, 0),
+            // Times have no way in from C.
+            AnchorError::Time { .. } => mtn_error::Other.into(),
         }
     }
 }

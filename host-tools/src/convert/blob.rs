@@ -87,7 +87,8 @@ fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
         planning: None,
         rows: motionette::ROWS,
     };
-    let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(ALIGNMENT)];
+    let plan = Plan::for_request(&model, &limits).map_err(|e| Error::SelfTest(e.into()))?;
+    let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(ALIGNMENT)];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(Error::SelfTest)?;
     Ok(generator.generate(&Request::tokens(&tokens), &mut ()).map_err(Error::SelfTest)?.hash())
 }

@@ -4,6 +4,8 @@
 //! token of every position, so that one evaluation is measured and not the random choices of a whole sampling run; how far two runs of
 //! ten steps drift apart is reported separately. The same with anchors on the clips' own motion, of all families in turn.
 
+use std::ops::ControlFlow;
+
 use motionette::ROWS;
 use motionette::Request;
 use motionette::hash::Stream;
@@ -96,8 +98,7 @@ pub fn verify(
     let tokens = |case: &CaptionedMotion, settings: &Settings| -> Result<Vec<u16>, Error> {
         let request = Request::text(&case.prompt).length(Length::Tokens(case.tokens.len() as u16)).seed(settings.seed);
         // Seen by the planner, and nothing else: tokens are compared.
-        let request = Request { anchors: &runtime_anchors(&case.anchors), refinement: None, ..request };
-        Ok(super::run(blob, &case.id, &request)?.tokens)
+        Ok(super::run(blob, &case.id, &request.anchors(&runtime_anchors(&case.anchors)))?.tokens)
     };
     let free_running = free_running(cases, &exact, planning.guidance, &settings, tokens, &progress)?;
     let met = runtime.top1 >= AGREEMENT_BUDGET;
@@ -122,7 +123,7 @@ pub fn logits(blob: &BlobFile, case: &CaptionedMotion, tokens: &[u16], time: f64
     let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits, ROWS).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens.len(), &limits, ROWS).map_err(Error::Arena)?;
-    let mut go_on = || Ok(());
+    let mut go_on = || ControlFlow::Continue(());
     // Nothing interrupts it.
     let _ = session.read(&prompt, &mut go_on).map_err(refused)?;
     let _ = session.anchor(&anchors, tokens.len(), &mut go_on);

@@ -160,6 +160,8 @@ impl From<AnchorError> for Failure {
             AnchorError::Conflict { first, second } => {
                 Failure::AnchorConflict { first: number(first), second: number(second) }
             }
+            // Times are not sent.
+            AnchorError::Time { .. } => Failure::Unknown,
         }
     }
 }

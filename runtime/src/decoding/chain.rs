@@ -11,13 +11,15 @@
 //! not grow with the motion but for the ReLUs' bits, if the gradient is to follow. The gradient of a convolution is one, too: it
 //! passes from the last layer to the first in the same way, from the motion's beginning to its end.
 
-use super::decoder::{Check, Decoder, Interrupted, Portion};
+use super::decoder::{Decoder, Portion};
 use super::layer::{Layer, MAX_LAYERS, Way};
 use super::step::{Count, Gates, Last, Tail, Work};
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::conv1d::accumulators;
 use crate::nn::output::{self, Channels, window};
 use crate::nn::residual;
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
 /// All layers' tails, one after the other in the order of the pass.
 #[derive(Debug)]
@@ -128,7 +130,12 @@ impl<'a> Decoder<'a> {
             sizes.tails_q += layer.kept(way) * inputs;
             sizes.tails_scales += layer.kept(way);
             sizes.tails_rows += layer.skipped(way) * inputs;
-            sizes.sequence = sizes.sequence.max(outputs * inputs.max(width));
+            let results = match (layer, way) {
+                // The last one back is as wide as a code.
+                (Layer::Convolution(conv), Way::Back) => conv.inputs(),
+                _ => width,
+            };
+            sizes.sequence = sizes.sequence.max(outputs * inputs.max(results));
             sizes.q = sizes.q.max((layer.kept(way) + rows) * inputs);
             sizes.scales = sizes.scales.max(layer.kept(way) + rows);
         }
@@ -232,8 +239,7 @@ impl Chain<'_> {
 
     /// Passes the chunk through the layers. Returns the rows that have become final, which may be none.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check`, asked before every layer, says so. Nothing is lost: the next call carries on there.
+    /// Breaks off when `check`, asked before every layer, says so. Nothing is lost: the next call carries on there.
     pub(super) fn pass(
         &mut self,
         decoder: &Decoder<'_>,
@@ -241,7 +247,7 @@ impl Chain<'_> {
         gates: &mut Gates<'_>,
         last: &mut Last<'_>,
         check: Check<'_>,
-    ) -> Result<&mut [f32], Interrupted> {
+    ) -> ControlFlow<Stop, &mut [f32]> {
         let Chain { way, chunk, tails, counts, sequence, work, rows, layer: begun, ending, .. } = self;
         let mut complete = *ending;
         let mut width = match way {
@@ -275,6 +281,6 @@ impl Chain<'_> {
         self.complete = complete;
         width *= *rows;
         (*rows, *begun) = (0, 0);
-        Ok(part_mut!(sequence, ..width))
+        ControlFlow::Continue(part_mut!(sequence, ..width))
     }
 }

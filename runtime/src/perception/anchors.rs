@@ -7,6 +7,7 @@
 use core::fmt;
 use core::mem::swap;
 
+use super::authoring::AnchorList;
 use crate::JOINTS;
 
 /// Most distinct anchors one request may carry.
@@ -70,7 +71,7 @@ impl Target {
     }
 }
 
-/// One target at one frame (20 frames a second).
+/// One target at one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Anchor {
@@ -107,6 +108,13 @@ pub enum AnchorError {
         anchors: usize,
         /// Most distinct anchors allowed.
         limit: usize,
+    },
+    /// A time before the start, so late that its frame cannot be counted in 16 bits, or not a number.
+    Time {
+        /// Anchor at fault.
+        index: usize,
+        /// Its time.
+        seconds: f32,
     },
     /// The frame lies behind the end of the motion.
     FrameOutOfRange {
@@ -152,6 +160,9 @@ impl fmt::Display for AnchorError {
         match *self {
             Self::TooMany { anchors, limit } => {
                 write!(f, "{anchors} anchors given, at most {limit} distinct ones fit in a request")
+            }
+            Self::Time { index, seconds } => {
+                write!(f, "anchor {index}: {seconds} s is no time in a motion; times count from 0")
             }
             Self::FrameOutOfRange { index, frame, frames } => {
                 write!(f, "anchor {index}: frame {frame} is outside the motion of {frames} frames")
@@ -223,6 +234,16 @@ impl Observed {
         ax == bx && az == bz && heights
     }
 
+    /// How much the family says of one place: the pelvis as such before the pelvis as a joint, which says the same, and both before
+    /// the pelvis on the ground, which leaves its height open.
+    const fn rank(&self) -> u8 {
+        match self.family {
+            Family::Root3d => 2,
+            Family::BodyPoint => 1,
+            Family::PlanarRoot => 0,
+        }
+    }
+
     fn sorts_before(&self, other: &Self) -> bool {
         (self.frame, self.joint) < (other.frame, other.joint)
     }
@@ -239,30 +260,40 @@ impl AnchorSet {
     /// The set without anchors.
     pub const EMPTY: Self = Self { items: [Observed::EMPTY; MAX_ANCHORS], len: 0 };
 
-    /// Checks `anchors` against a motion of `frames` frames and sorts them. Order does not matter; exact duplicates, and a
-    /// Planar-root anchor beside a Root-3D anchor that says the same, count once.
+    /// [`AnchorSet::of`] anchors by frame.
     ///
     /// # Errors
-    /// The first anchor at fault in the order of the list: its numbers, frame, joint, then a conflict with an earlier
-    /// anchor, then the count of distinct anchors.
+    /// As there.
     pub fn new(anchors: &[Anchor], frames: usize) -> Result<Self, AnchorError> {
+        Self::of(AnchorList::Frames(anchors), 0, frames)
+    }
+
+    /// Checks `anchors` against a motion of `frames` frames, `frame_rate` a second, and sorts them. Order does not matter; anchors
+    /// that say the same of one joint at one frame count once: as Root-3D if one of them is, else as the Body-point of the pelvis.
+    ///
+    /// # Errors
+    /// The first anchor at fault in the order of the list: its time, numbers, frame, joint, then a conflict with an earlier
+    /// anchor, then the count of distinct anchors.
+    pub fn of(anchors: AnchorList<'_>, frame_rate: u16, frames: usize) -> Result<Self, AnchorError> {
         let mut set = Self::EMPTY;
-        for (index, anchor) in anchors.iter().enumerate() {
-            let new = Observed::new(index, anchor);
+        let mut index = 0;
+        while let Some(anchor) = anchors.get(index, frame_rate) {
+            let new = Observed::new(index, &anchor?);
             check(index, &new, frames)?;
             match set.items.iter_mut().take(set.len).find(|old| old.same_place(&new)) {
                 Some(old) if !old.agrees(&new) => {
                     return Err(AnchorError::Conflict { first: old.index as usize, second: index });
                 }
-                // The anchor that also fixes the height says more.
-                Some(old) if new.has_height() && !old.has_height() => *old = new,
+                Some(old) if new.rank() > old.rank() => *old = new,
                 Some(_) => {}
                 None if set.len >= MAX_ANCHORS => {
                     return Err(AnchorError::TooMany { anchors: anchors.len(), limit: MAX_ANCHORS });
                 }
                 None => set.insert(new),
             }
+            index += 1;
         }
+        anchors.check_length()?;
         Ok(set)
     }
 

@@ -6,12 +6,14 @@
 use super::anchors::AnchorSet;
 use super::scaffold::{LIMIT, Scaffold, Statistics, WIDTH};
 use crate::blob::{Activation, ControlConfig, Error, Tensors};
+use crate::nn::activation;
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{self, Scratch, Sizes, below};
 use crate::nn::encoder::Encoder;
 use crate::nn::linear::{LEAST_ROWS, Linear};
 use crate::nn::norm::MAX_INPUT;
-use crate::nn::{Check, Interrupted, activation};
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
 /// The motions it is for.
 #[derive(Debug, Clone, Copy)]
@@ -90,8 +92,7 @@ impl<'a> ScaffoldEncoder<'a> {
     /// Encodes `anchors` into `x [L][ds]` and its mean into `mean [ds]`. `own` has room for as many rows, `work` for
     /// [`work`] numbers.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    /// Breaks off when `check` says so; it is asked behind every block.
     pub fn encode(
         &self,
         anchors: &AnchorSet,
@@ -101,7 +102,7 @@ impl<'a> ScaffoldEncoder<'a> {
         work: &mut [f32],
         scratch: &mut Scratch<'_>,
         check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    ) -> ControlFlow<Stop> {
         self.read(anchors, x, work, scratch);
         self.encoder.forward(x, mean, own, scratch, check)
     }

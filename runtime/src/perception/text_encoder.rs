@@ -8,7 +8,8 @@ use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes, Stack};
 use crate::nn::embedding::Embedding;
 use crate::nn::encoder::Encoder;
-use crate::nn::{Check, Interrupted};
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
 /// The encoder in flash.
 #[derive(Debug, Clone, Copy)]
@@ -63,8 +64,7 @@ impl<'a> TextEncoder<'a> {
 
     /// Encodes `words` into `memory [n][dt]` and `pooled [dt]`. `own` has room for as many rows.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    /// Breaks off when `check` says so; it is asked behind every block.
     pub fn encode(
         &self,
         words: &[u16],
@@ -73,7 +73,7 @@ impl<'a> TextEncoder<'a> {
         own: &mut SegmentMut<'_>,
         scratch: &mut Scratch<'_>,
         check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    ) -> ControlFlow<Stop> {
         memory.fill(0.0);
         for (word, row) in words.iter().zip(memory.chunks_exact_mut(pooled.len().max(1))) {
             self.embedding.add(usize::from(*word), row);

@@ -8,9 +8,9 @@
 
 use core::mem::swap;
 
+use super::basis::{IntervalBasis, MAX_INTERVALS};
 use super::config::{Activity, PerFamily};
-use super::interval_basis::{IntervalBasis, MAX_INTERVALS};
-use super::objective::Measured;
+use super::terms::anchors::Distances;
 use super::vector::larger;
 use crate::perception::anchors::AnchorSet;
 
@@ -41,12 +41,12 @@ impl Random {
     }
 }
 
-/// Activities of the intervals of `basis` at the measured motion; entries behind the last interval are 0.
+/// Activities of the intervals of `basis` at the motion that is so far from the anchors; entries behind the last interval are 0.
 pub fn activities(
     kind: Activity,
     basis: &IntervalBasis<'_>,
     anchors: &AnchorSet,
-    measured: &Measured,
+    distances: &Distances,
     tolerance: &PerFamily,
     random: &mut Random,
 ) -> [f32; MAX_INTERVALS] {
@@ -57,7 +57,7 @@ pub fn activities(
             Activity::Uniform => 1.0,
             Activity::Residual | Activity::Shuffled => {
                 let mut largest = 0.0;
-                for (anchor, &error) in anchors.iter().zip(&measured.errors) {
+                for (anchor, &error) in anchors.iter().zip(&distances.errors) {
                     if anchor.frame == interval.left || anchor.frame == interval.right {
                         let rho = tolerance.get(anchor.family);
                         largest = larger(largest, if rho > 0.0 { error / rho } else { 1.0 });

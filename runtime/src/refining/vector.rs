@@ -52,6 +52,26 @@ pub(crate) fn larger(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
+/// Bit `joint` of a set of joints.
+pub(crate) const fn bit(joint: u8) -> u32 {
+    1u32.wrapping_shl(joint as u32)
+}
+
+/// `||a||^2` in space.
+pub(crate) fn squared_length([x, y, z]: [f32; 3]) -> f32 {
+    x * x + y * y + z * z
+}
+
+/// `a - b` in space.
+pub(crate) fn difference([ax, ay, az]: [f32; 3], [bx, by, bz]: [f32; 3]) -> [f32; 3] {
+    [ax - bx, ay - by, az - bz]
+}
+
+/// `scale a` in space.
+pub(crate) fn scaled([x, y, z]: [f32; 3], scale: f32) -> [f32; 3] {
+    [scale * x, scale * y, scale * z]
+}
+
 /// Rows of `width` numbers, the last one whole. Unlike `chunks_exact` it never divides, so it cannot panic.
 #[derive(Clone)]
 pub(crate) struct Rows<'a> {

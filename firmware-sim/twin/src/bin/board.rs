@@ -60,7 +60,7 @@ fn run(cli: &Cli) -> Result<()> {
     let model = blob.model()?;
     let preset = Preset::PICO2;
     let anchors = motionette_sim::standard::anchors();
-    let anchors = anchors.as_slice()?;
+    let anchors = anchors.by_frame(model.frame_rate())?;
     let early: Vec<_> = anchors
         .iter()
         .map(|anchor| motionette::Anchor { frame: anchor.frame.min(preset.frames - 1), ..*anchor })

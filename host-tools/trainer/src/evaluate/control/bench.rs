@@ -178,7 +178,7 @@ impl Bench<'_> {
                 Request::text(&prompt.caption).planned(self.generation.planning(prompt, seed))
             }
         };
-        let request = Request { anchors: &anchors, refinement: way.refinement, ..request };
+        let request = Request { refinement: way.refinement, ..request.anchors(&anchors) };
         let request = if way.origin == Origin::Prior { request.unconditioned() } else { request };
         let motion = verify::run(self.blob, &prompt.caption, &request)?;
         let error = metrics::control_error(&motion.joints, &anchors).context("anchors lie within the motion")?;

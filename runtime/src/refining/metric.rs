@@ -8,19 +8,16 @@
 //! planar:  A_nm = root min(t_n, t_m) I + yaw sum_{s < t_n, t_m} (p_n - c_s)' (p_m - c_s)'^T + [n, m on one joint] body k(t_n, t_m) I
 //! height:  A_nm = [n, m on one joint] (height or body) k(t_n, t_m)          k(t, t') = exp(-|t - t'| / range)
 //! ```
-//! in metres, with t in units of 100 frames in the first two terms, `p_n` the observed joint at anchor n, `c_s` the root at frame
-//! s, `'` a quarter turn on the ground. This is the shape of `J J^T` for the Jacobian J of the residuals; with `W = scale (A + floor I)^-1`
+//! in metres, with t in tokens, in units of 25 of them in the first two terms, `p_n` the observed joint at anchor n, `c_s` the root at
+//! the middle of token s, `'` a quarter turn on the ground. This is the shape of `J J^T` for the Jacobian J of the residuals; with `W = scale (A + floor I)^-1`
 //! in place of the identity, `r^T W r` has the same zeros and far rounder level sets. Nothing here knows the decoder: the
 //! numbers of [`Prior`] say how strongly a typical token acts through each road, chosen once on the val split.
 
 use super::MotionMap;
 use crate::perception::anchors::{AnchorSet, Family, MAX_ANCHORS, Observed};
 
-/// Frames between the samples of the yaw sum.
-const YAW_STRIDE: usize = 4;
-
-/// Frames that count as one in the root and yaw terms.
-const TIME_UNIT: f32 = 100.0;
+/// Tokens that count as one in the root and yaw terms.
+const TIME_UNIT: f32 = 25.0;
 
 /// Relative strengths of the roads from a token to an anchor. Only ratios matter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +31,7 @@ pub struct Prior {
     pub body: f32,
     /// The root's height.
     pub height: f32,
-    /// Frames over which local displacements are alike.
+    /// Tokens over which local displacements are alike.
     pub range: f32,
     /// Share of the mean variance added to every residual: keeps the metric finite where the model says nothing moves.
     pub floor: f32,
@@ -42,7 +39,7 @@ pub struct Prior {
 
 impl Prior {
     /// Best of a grid on the val split of the `nano` model.
-    pub const NANO: Self = Self { root: 1.0, yaw: 0.5, body: 1.0, height: 0.1, range: 6.0, floor: 0.01 };
+    pub const NANO: Self = Self { root: 1.0, yaw: 0.5, body: 1.0, height: 0.1, range: 1.5, floor: 0.01 };
 }
 
 /// Numbers the factor takes: lower triangles over 2 planar rows an anchor and over 1 height row an anchor.
@@ -89,26 +86,42 @@ pub struct ResidualMetric<'a> {
 
 impl<'a> ResidualMetric<'a> {
     /// The metric of `anchors` around the motion of the last forward pass, in a slice of [`factor_len`] numbers. `None` when
-    /// rounding left it indefinite: the identity serves then.
+    /// rounding left it indefinite: the identity serves then. Asks the map for one position an anchor and at most one a token.
     pub fn new(anchors: &AnchorSet, map: &impl MotionMap, prior: &Prior, numbers: &'a mut [f32]) -> Option<Self> {
-        let count = anchors.len();
+        let (count, frames_per_token) = (anchors.len(), map.grid().frames_per_token);
         let (planar, height) = numbers.split_at_mut_checked(triangle(2 * count))?;
         let mut planar = Triangle { numbers: planar, rows: 2 * count };
         let mut height = Triangle { numbers: height, rows: count };
+        planar.sum_levers(anchors, map);
+        let unit = TIME_UNIT * frames_per_token as f32;
+        let yaw = prior.yaw * frames_per_token as f32 / unit;
         let (mut trace, mut rows) = (0.0, 0.0);
         for (n, a) in anchors.iter().enumerate() {
             for (m, b) in anchors.iter().enumerate().take(n + 1) {
-                let block = planar_block(a, b, map, prior);
-                let upright = height_covariance(a, b, prior);
-                for (row, line) in block.iter().enumerate() {
-                    for (column, &value) in line.iter().enumerate() {
-                        planar.set(2 * n + row, 2 * m + column, value);
+                let same = a.joint == b.joint;
+                let likeness = if same { likeness(a, b, prior, frames_per_token) } else { 0.0 };
+                // The anchors stand in order of time: b is not later.
+                let mut diagonal = prior.root * f32::from(b.frame) / unit;
+                if same && !is_root(a) {
+                    diagonal += prior.body * likeness;
+                }
+                let mut squares = 0.0;
+                for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                    if let Some(value) = planar.element(2 * n + row, 2 * m + column) {
+                        *value = if row == column { diagonal + yaw * *value } else { yaw * *value };
+                        if row == column {
+                            squares += *value;
+                        }
                     }
                 }
-                height.set(n, m, upright);
+                // Anchors without height have no covariance there: their row is left to the floor.
+                let heights = same && a.has_height() && b.has_height();
+                let upright = if heights { likeness * if is_root(a) { prior.height } else { prior.body } } else { 0.0 };
+                if let Some(value) = height.element(n, m) {
+                    *value = upright;
+                }
                 if n == m {
-                    let [[xx, _], [_, zz]] = block;
-                    trace += xx + zz;
+                    trace += squares;
                     rows += 2.0;
                     if a.has_height() {
                         trace += upright;
@@ -135,44 +148,13 @@ impl<'a> ResidualMetric<'a> {
 }
 
 /// Local likeness of two frames.
-fn likeness(a: &Observed, b: &Observed, prior: &Prior) -> f32 {
-    let apart = f32::from(a.frame.abs_diff(b.frame));
-    if prior.range > 0.0 { libm::expf(-apart / prior.range) } else { 0.0 }
+fn likeness(a: &Observed, b: &Observed, prior: &Prior, frames_per_token: usize) -> f32 {
+    let (apart, range) = (f32::from(a.frame.abs_diff(b.frame)), prior.range * frames_per_token as f32);
+    if range > 0.0 { libm::expf(-apart / range) } else { 0.0 }
 }
 
 fn is_root(anchor: &Observed) -> bool {
     !matches!(anchor.family, Family::BodyPoint) || anchor.joint == 0
-}
-
-fn planar_block(a: &Observed, b: &Observed, map: &impl MotionMap, prior: &Prior) -> [[f32; 2]; 2] {
-    let first = if a.frame < b.frame { a.frame } else { b.frame };
-    let mut diagonal = prior.root * f32::from(first) / TIME_UNIT;
-    if a.joint == b.joint && !is_root(a) {
-        diagonal += prior.body * likeness(a, b, prior);
-    }
-    let [px, _, pz] = map.position(a.joint, a.frame as usize);
-    let [qx, _, qz] = map.position(b.joint, b.frame as usize);
-    let [mut xx, mut xz, mut zx, mut zz] = [0.0; 4];
-    let mut frame = YAW_STRIDE / 2;
-    while frame < first as usize {
-        let [cx, _, cz] = map.position(0, frame);
-        let (ax, az, bx, bz) = (pz - cz, cx - px, qz - cz, cx - qx);
-        xx += ax * bx;
-        xz += ax * bz;
-        zx += az * bx;
-        zz += az * bz;
-        frame += YAW_STRIDE;
-    }
-    let yaw = prior.yaw * YAW_STRIDE as f32 / TIME_UNIT;
-    [[diagonal + yaw * xx, yaw * xz], [yaw * zx, diagonal + yaw * zz]]
-}
-
-/// Anchors without height have none: their row is left to the floor.
-fn height_covariance(a: &Observed, b: &Observed, prior: &Prior) -> f32 {
-    if a.joint != b.joint || !a.has_height() || !b.has_height() {
-        return 0.0;
-    }
-    likeness(a, b, prior) * if is_root(a) { prior.height } else { prior.body }
 }
 
 /// A symmetric matrix by its lower triangle, row after row, and later its Cholesky factor with the inverse diagonal.
@@ -183,12 +165,40 @@ struct Triangle<'a> {
 }
 
 impl Triangle<'_> {
-    /// Sets an element of the lower triangle; those above the diagonal are its mirror image and ignored.
-    fn set(&mut self, row: usize, column: usize, value: f32) {
-        if column <= row
-            && let Some(slot) = self.numbers.get_mut(triangle(row) + column)
-        {
-            *slot = value;
+    /// An element of the lower triangle; those above the diagonal are its mirror image and not kept.
+    fn element(&mut self, row: usize, column: usize) -> Option<&mut f32> {
+        if column <= row { self.numbers.get_mut(triangle(row) + column) } else { None }
+    }
+
+    /// Fills in `sum_s (p_n - c_s)' (p_m - c_s)'^T` over the middles s of tokens before both anchors, two rows an anchor.
+    fn sum_levers(&mut self, anchors: &AnchorSet, map: &impl MotionMap) {
+        super::vector::clear(self.numbers);
+        let mut places = [[0.0; 2]; MAX_ANCHORS];
+        for (place, anchor) in places.iter_mut().zip(anchors.iter()) {
+            let [x, _, z] = map.position(anchor.joint, anchor.frame as usize);
+            *place = [x, z];
+        }
+        let grid = map.grid();
+        let last = anchors.last_frame().unwrap_or(0) as usize;
+        for token in 0..grid.tokens {
+            let frame = token * grid.frames_per_token + grid.frames_per_token / 2;
+            if frame >= last {
+                return;
+            }
+            let [cx, _, cz] = map.position(0, frame);
+            let levers = places.map(|[x, z]| [z - cz, cx - x]);
+            let later = anchors.iter().zip(&levers).enumerate().filter(|(_, (a, _))| frame < a.frame as usize);
+            for (n, (_, lever)) in later.clone() {
+                for (m, (_, other)) in later.clone().take_while(|(m, _)| *m <= n) {
+                    for (row, &a) in lever.iter().enumerate() {
+                        for (column, &b) in other.iter().enumerate() {
+                            if let Some(sum) = self.element(2 * n + row, 2 * m + column) {
+                                *sum += a * b;
+                            }
+                        }
+                    }
+                }
+            }
         }
     }
 

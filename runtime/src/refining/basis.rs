@@ -1,8 +1,8 @@
 //! Anchor intervals on the token grid and the routed projection of an update onto them (EQUATIONS 5).
 //!
 //! Anchor frames and the sequence ends cut the motion into intervals `I_i = [tau_i, tau_{i+1}]`. Token l belongs to the
-//! interval that holds frame 4 l + 1.5, the middle of its frames, so intervals own consecutive runs of tokens. With
-//! `x = 2 s - 1` in normalised time s, an interval's correction is spanned by the first functions of
+//! interval that holds the middle of its frames ([`TokenGrid::middle`]; one on a cut belongs to the right), so intervals own
+//! consecutive runs of tokens. With `x = 2 s - 1` in normalised time s, an interval's correction is spanned by the first functions of
 //! `1, x, (3 x^2 - 1) / 2, (5 x^3 - 3 x) / 2`, one coefficient a function and channel:
 //!
 //! ```text
@@ -14,6 +14,7 @@
 //! token is a function of its own, `B = I`.
 
 use super::config::Basis;
+use super::grid::TokenGrid;
 use super::vector::{axpy, clear, dot, rows, rows_mut};
 use crate::perception::anchors::{AnchorSet, MAX_ANCHORS};
 
@@ -25,9 +26,6 @@ pub const MAX_FUNCTIONS: usize = 4;
 
 /// Part of the ridge that no activity removes; without it a fully active interval can be singular.
 pub const RIDGE_FLOOR: f32 = 1e-4;
-
-/// Frames a token stands for.
-const FRAMES_PER_TOKEN: usize = 4;
 
 /// One interval that owns tokens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,16 +63,16 @@ pub const fn most_coefficients(tokens: usize, anchors: usize, basis: Basis) -> u
 }
 
 impl<'a> IntervalBasis<'a> {
-    /// Cuts `tokens` tokens at the anchors and evaluates `basis` in `values`, of [`values_len`] numbers.
-    pub fn new(anchors: &AnchorSet, frames: usize, tokens: usize, basis: Basis, values: &'a mut [f32]) -> Self {
+    /// Cuts the tokens of `grid` at the anchors and evaluates `basis` in `values`, of [`values_len`] numbers.
+    pub fn new(anchors: &AnchorSet, grid: TokenGrid, basis: Basis, values: &'a mut [f32]) -> Self {
         let mut intervals = [Interval { left: 0, right: 0, tokens: 0, functions: 0 }; MAX_INTERVALS];
-        let end = frames.saturating_sub(1);
+        let (tokens, end) = (grid.tokens, grid.frames().saturating_sub(1));
         let mut len = 0;
         let (mut left, mut owned) = (0, 0);
         let cuts = anchors.iter().map(|anchor| anchor.frame as usize).chain(core::iter::once(end));
         for right in cuts {
             // Tokens whose middle lies left of this cut; the last interval takes all that remain.
-            let until = if right >= end { tokens } else { first_token_after(right, tokens) };
+            let until = if right >= end { tokens } else { grid.first_token_from(right) };
             let count = until.saturating_sub(owned);
             if count > 0
                 && let Some(slot) = intervals.get_mut(len)
@@ -96,11 +94,11 @@ impl<'a> IntervalBasis<'a> {
         if basis == Basis::Plain || len * basis.functions() > tokens {
             this.make_direct();
         }
-        this.evaluate(basis);
+        this.evaluate(basis, grid);
         this
     }
 
-    fn evaluate(&mut self, basis: Basis) {
+    fn evaluate(&mut self, basis: Basis, grid: TokenGrid) {
         if self.stride == 0 {
             return;
         }
@@ -109,7 +107,7 @@ impl<'a> IntervalBasis<'a> {
         for interval in self.intervals.iter().take(self.len) {
             let span = f32::from(interval.right.saturating_sub(interval.left));
             for _ in 0..interval.tokens {
-                let s = (middle(token) - f32::from(interval.left)) / if span > 0.0 { span } else { 1.0 };
+                let s = (grid.middle(token) - f32::from(interval.left)) / if span > 0.0 { span } else { 1.0 };
                 let x = 2.0 * s - 1.0;
                 let legendre = [1.0, x, 0.5 * (3.0 * x * x - 1.0), 0.5 * (5.0 * x * x * x - 3.0 * x)];
                 let skipped = if basis == Basis::Slope { 1 } else { 0 };
@@ -293,18 +291,6 @@ fn add_combination(out: &mut [f32], value: f32, x: &[f32], t: f32, d: &[f32]) {
     for ((out, x), d) in out.iter_mut().zip(x).zip(d) {
         *out += value * (x + t * d);
     }
-}
-
-/// Frame in the middle of a token's frames.
-fn middle(token: usize) -> f32 {
-    (token * FRAMES_PER_TOKEN) as f32 + 1.5
-}
-
-/// First token whose middle lies right of `frame`: the smallest l with 4 l + 1.5 > frame.
-fn first_token_after(frame: usize, tokens: usize) -> usize {
-    // 4 l + 1.5 > frame <=> 8 l > 2 frame - 3 <=> l >= (frame + 2) / 4, rounded down, for whole frames.
-    let token = (frame + FRAMES_PER_TOKEN / 2) / FRAMES_PER_TOKEN;
-    if token < tokens { token } else { tokens }
 }
 
 fn column_dot(part: &[f32], stride: usize, a: usize, b: usize) -> f32 {

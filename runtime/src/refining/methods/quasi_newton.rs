@@ -1,7 +1,7 @@
 //! The fast default: L-BFGS in the coefficients of the orthonormal interval basis, under a metric of the residuals.
 //!
 //! With `u = u0 + B x`, `B` orthonormal over each interval's tokens, `f` is descended over `x [coefficients][width]`; f is `J`
-//! with `r^T W r` for `L_anc` ([`ResidualMetric`](super::residual_metric::ResidualMetric)), which has the same zeros:
+//! with `r^T W r` for `L_anc` ([`ResidualMetric`](crate::refining::metric::ResidualMetric)), which has the same zeros:
 //!
 //! ```text
 //! g <- B^T df/du + 2 g_tr x
@@ -13,15 +13,16 @@
 //! The activities of the published method thus shape the metric: the ridge damps an update in an orthonormal basis by
 //! exactly that diagonal. The iterate with the smallest `J` itself is returned.
 
-use super::activity::{Random, activities};
-use super::config::Config;
-use super::interval_basis::IntervalBasis;
-use super::optimiser::lbfgs::{Lbfgs, MAX_MEMORY, history_len};
-use super::report::{Ended, SolverError, StopReason, stopped};
-use super::residual_metric::factor_len;
-use super::route_solver::{Point, Run};
-use super::vector::{all_finite, axpy, clear, copy, dot, squared_distance};
-use super::{MotionMap, Stop};
+use super::super::activity::{Random, activities};
+use super::super::basis::IntervalBasis;
+use super::super::config::Config;
+use super::super::metric::factor_len;
+use super::super::optimiser::lbfgs::{Lbfgs, MAX_MEMORY, history_len};
+use super::super::report::{Ended, SolverError, StopReason, stopped};
+use super::super::terms::{Objective, Point};
+use super::super::vector::{all_finite, axpy, clear, copy, dot, squared_distance};
+use super::super::{MotionMap, Stop};
+use super::Run;
 
 /// Fraction of the predicted decrease that a step must reach.
 const SUFFICIENT: f32 = 1e-4;
@@ -59,7 +60,7 @@ pub(super) fn descend<'a, M: MotionMap>(
     scratch: &'a mut [f32],
 ) -> Ended {
     let shortage = SolverError::Scratch { have: scratch.len(), need: u.len() };
-    let metric = if run.config.prior.is_some() { factor_len(run.objective.anchors.len()) } else { 0 };
+    let metric = if run.config.prior.is_some() { factor_len(run.anchors().len()) } else { 0 };
     let Some((tokens, work)) = scratch.split_at_mut_checked(u.len()) else { return Err(shortage) };
     let Some((metric, work)) = work.split_at_mut_checked(metric) else { return Err(shortage) };
     basis.orthonormalise();
@@ -117,9 +118,15 @@ impl<'a> State<'a> {
     }
 
     /// `dJ/dx` from the token gradient; false when it is not finite.
-    fn take_gradient(&mut self, tokens: &[f32], basis: &IntervalBasis<'_>, config: &Config, width: usize) -> bool {
+    fn take_gradient(
+        &mut self,
+        tokens: &[f32],
+        basis: &IntervalBasis<'_>,
+        objective: &Objective<'_>,
+        width: usize,
+    ) -> bool {
         basis.analyse(tokens, width, self.gradient);
-        axpy(self.gradient, 2.0 * config.trust, self.x);
+        objective.add_direct(self.gradient, self.x.iter().copied());
         all_finite(self.gradient)
     }
 
@@ -133,12 +140,12 @@ impl<'a> State<'a> {
         tokens: &mut [f32],
         start: Point,
     ) -> Ended {
-        let (width, config, anchors) = (run.width(), run.config, run.objective.anchors);
+        let (width, config, anchors) = (run.width(), run.config, run.anchors());
         let mut random = Random::new(config.seed);
         let mut point = start;
         let mut slow = 0;
         loop {
-            if run.satisfied(&point) {
+            if run.satisfied() {
                 return Ok(StopReason::Tolerance);
             }
             if run.spent() {
@@ -147,11 +154,12 @@ impl<'a> State<'a> {
             if let Err(stop) = run.gradient(tokens) {
                 return stopped(stop);
             }
-            if !self.take_gradient(tokens, basis, config, width) {
+            if !self.take_gradient(tokens, basis, run.objective, width) {
                 return Ok(StopReason::Stalled);
             }
             self.history.complete(self.gradient);
-            let activity = activities(config.activity, basis, anchors, &point.measured, &config.tolerance, &mut random);
+            let activity =
+                activities(config.activity, basis, anchors, &point.distances, &config.tolerance, &mut random);
             let before = point.descent;
             let accepted = loop {
                 copy(self.direction, self.gradient);
