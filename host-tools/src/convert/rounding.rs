@@ -115,7 +115,7 @@ pub fn round_row(weights: &[f64], levels: i32, rounding: Rounding, metric: Optio
         return Row { values: vec![0; weights.len()], scale: 1.0 };
     }
     let at = |clip: f64| -> Row {
-        let scale = single(largest * clip / f64::from(levels));
+        let scale = f32_not_below(largest * clip / f64::from(levels));
         let values = match (rounding, metric) {
             (Rounding::Feedback, Some(metric)) => metric.feed_back(weights, scale, levels),
             _ => weights.iter().map(|w| nearest(w / scale, levels)).collect(),
@@ -150,7 +150,7 @@ fn nearest(v: f64, levels: i32) -> i32 {
 }
 
 /// The next f32 not below `v`, so that a clip of 1 never overflows; at least the smallest normal one.
-fn single(v: f64) -> f64 {
+fn f32_not_below(v: f64) -> f64 {
     let near = (v as f32).max(f32::MIN_POSITIVE);
     f64::from(if f64::from(near) < v { near.next_up() } else { near })
 }

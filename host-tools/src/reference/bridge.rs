@@ -14,11 +14,11 @@ pub fn runtime_token(id: i64) -> u16 {
 /// The runtime's form of an anchor; coordinates rounded to f32.
 #[must_use]
 pub fn runtime_anchor(anchor: &Anchor) -> RuntimeAnchor {
-    let single = |p: [f64; 3]| p.map(|v| v as f32);
+    let f32s = |p: [f64; 3]| p.map(|v| v as f32);
     let target = match anchor.target {
-        Target::Root(p) => RuntimeTarget::Root(single(p)),
+        Target::Root(p) => RuntimeTarget::Root(f32s(p)),
         Target::PlanarRoot([x, z]) => RuntimeTarget::PlanarRoot([x as f32, z as f32]),
-        Target::Joint { joint, position } => RuntimeTarget::Joint { joint: joint as u8, position: single(position) },
+        Target::Joint { joint, position } => RuntimeTarget::Joint { joint: joint as u8, position: f32s(position) },
     };
     RuntimeAnchor { frame: anchor.frame as u16, target }
 }
