@@ -19,13 +19,13 @@ use motionette::refining::{Activity, Basis, Config};
 use motionette::request::conditions::AnchorSet;
 use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};
-use motionette_host::convert::AlignedBlob;
+use motionette_host::dataset::captioned::CaptionedMotion;
 use motionette_host::motion::Pose;
-use motionette_host::reference::{Prior, Road};
-use motionette_host::verify::planner::{self, Case};
-use motionette_host::verify::solvers::reference_anchor;
+use motionette_host::reference::bridge::reference_anchor;
+use motionette_host::reference::{DecodePath, Prior};
+use motionette_host::verify::planner;
 use motionette_host::{anchors_file, export, output, robot_file};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -176,7 +176,7 @@ impl Cmd {
         };
 
         let started = Instant::now();
-        let reference = Road::<f32>::new(&checkpoint)?.forward(&after.u).joints;
+        let reference = DecodePath::<f32>::new(&checkpoint)?.forward(&after.u).joints;
         let reference_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut agreement = Agreement::default();
         agreement.add(&source.name, &after.joints, &reference);
@@ -367,7 +367,7 @@ impl Cmd {
             prior = prior.controlled(&control, tokenizer.config.fps);
         }
         let read = prior.text.read(prompt)?;
-        let case = Case {
+        let case = CaptionedMotion {
             id: "prompt".into(),
             prompt: prompt.to_owned(),
             words: read.ids,

@@ -62,8 +62,8 @@ pub fn of(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use motionette_host::reference::bridge::reference_anchor;
     use motionette_host::reference::interval_basis as reference;
-    use motionette_host::verify::solvers::reference_anchor;
 
     #[test]
     fn intervals_are_those_of_the_reference_and_activity_is_the_larger_endpoint_error() {

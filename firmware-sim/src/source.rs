@@ -7,7 +7,7 @@ use motionette_host::checkpoint::TokenizerCheckpoint;
 use motionette_host::import::bvh;
 use motionette_host::motion::{FEATURES, Pose, features};
 use motionette_host::reference::Tokenizer;
-use motionette_host::verify::runtime_token;
+use motionette_host::reference::bridge::runtime_token;
 use std::path::Path;
 
 /// What the motion comes from.

@@ -1,8 +1,8 @@
 //! The main job as a user runs it: results, figures, viewer, and what it says about bad input.
 
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::{self, prior};
-use motionette_host::convert::{self, AlignedBlob, CardText, Options, PriorSource, Rounding};
+use motionette_host::convert::{self, CardText, Options, PriorSource, Rounding};
 use motionette_sim::bundle;
 use serde_json::Value;
 use std::io::{Read, Write};

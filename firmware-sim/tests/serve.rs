@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use motionette::Model;
 use motionette::blob::Header;
-use motionette_host::convert::AlignedBlob;
+use motionette_host::blob::AlignedBlob;
 use motionette_host::device::{self, Client, Error, Options};
 use motionette_link::message::{Command, Event, Generate, Hello, Length, LossAction, Refusal, State};
 use motionette_sim::bundle;

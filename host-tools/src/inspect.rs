@@ -2,11 +2,10 @@
 
 use serde::Serialize;
 
-use crate::blob_file::{BlobFile, Error};
+use crate::blob::{BlobFile, Error, QuantisedConv1d};
+use crate::checkpoint::anchors::Family;
 use crate::checkpoint::prior::Part;
 use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerCheckpoint};
-use crate::convert::QuantisedConv1d;
-use crate::reference::anchors::Family;
 use motionette::blob::{
     Codec, DType, Generator, Guidance, Manifest, Padding, PhraseBank, Representation, TextTable, TransformerConfig,
 };

@@ -10,7 +10,7 @@ use motionette::{Generator, Limits, Model, MotionStream, Plan, PlanError, Stream
 use motionette::{LEAST_ROWS, MOST_ROWS};
 use serde::Serialize;
 
-use crate::blob_file::{self, BlobFile};
+use crate::blob::{self, BlobFile};
 use crate::inspect::{layer_macs, rows_of_layers};
 
 /// Why there is no plan.
@@ -18,7 +18,7 @@ use crate::inspect::{layer_macs, rows_of_layers};
 pub enum Error {
     /// The blob was refused.
     #[error(transparent)]
-    Blob(#[from] blob_file::Error),
+    Blob(#[from] blob::Error),
     /// The model makes no such motions.
     #[error(transparent)]
     Plan(#[from] PlanError),

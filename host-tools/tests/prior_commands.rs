@@ -7,7 +7,7 @@ use std::process::Command;
 
 use common::bench::{Bench, list, report};
 use common::checkpoints::{self, prior_config, prior_metadata};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::prior;
 use motionette_host::reference::Prior;
 use motionette_host::reference::tmd::{Sampling, Schedule, Settings};

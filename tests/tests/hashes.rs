@@ -12,7 +12,7 @@ use motionette::hash::Fnv;
 use motionette::planning;
 use motionette::refining::{Activity, Basis, Config};
 use motionette::{Generator, Length, Model, MotionStream, Request, StreamLimits};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_sim::bundle::Bundle;
 use motionette_sim::{source, twin};
 use motionette_tests::fuzz;

@@ -12,7 +12,7 @@ use motionette::{
     Anchor, AnchorList, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling,
     Schedule, Source, StreamLimits, StreamPlan, planning,
 };
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_tests::fuzz;
 use motionette_tests::standard;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};

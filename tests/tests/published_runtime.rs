@@ -10,9 +10,10 @@ use motionette::ROWS;
 use motionette::decoding::codebook::Codebooks;
 use motionette::nn::output::Channels;
 use motionette::{Limits, Model, Plan, Request, memory::Arena};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint;
 use motionette_host::convert::{self, CardText, Options, calibration};
+use motionette_host::reference::bridge;
 use motionette_host::verify;
 
 /// Root mean square of the error of normalised features, as a share of the signal.
@@ -39,7 +40,7 @@ fn floats(folder: &Path, name: &str) -> Vec<f32> {
 fn tokens(folder: &Path, name: &str) -> Vec<u16> {
     let bytes = std::fs::read(folder.join("golden").join(format!("{name}.npy"))).expect(name);
     let ids: Vec<i64> = npyz::NpyFile::new(&bytes[..]).expect(name).into_vec().expect(name);
-    ids.into_iter().map(verify::runtime_token).collect()
+    ids.into_iter().map(bridge::runtime_token).collect()
 }
 
 fn blob(path: &Path) -> BlobFile {

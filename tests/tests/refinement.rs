@@ -3,8 +3,8 @@
 
 use motionette::refining::{Config, Report};
 use motionette::{Anchor, Anchors, Error, Generator, Joint, Model, Request};
+use motionette_host::reference::bridge::reference_anchor;
 use motionette_host::reference::interval_basis::{Basis, IntervalBasis};
-use motionette_host::verify::solvers::reference_anchor;
 use motionette_tests::fuzz;
 use motionette_tests::tiny::{Shape, Tiny};
 

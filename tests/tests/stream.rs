@@ -8,7 +8,7 @@ use motionette::{
     Error, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, ROWS, Request, Stop, StreamLimits,
     StreamPlan,
 };
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_tests::tiny::{Shape, Tiny};
 use std::ops::ControlFlow;
 

@@ -9,7 +9,7 @@ use motionette::{
     Error, Fixed, Frame, Generator, JOINTS, Length, Limits, Model, MotionStream, Observer, Plan, Planning, Progress,
     ROWS, Request, Segment, Stage, Stop, StreamLimits, StreamPlan,
 };
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 use std::ops::ControlFlow;
 

@@ -11,7 +11,7 @@ use motionette::planning::session::Modules;
 use motionette::planning::{Limits, Session};
 use motionette::refining::{Config, Report};
 use motionette::{Anchors, Generator, Joint, MOST_ROWS, Model, Planning, Prompt, Request, Sampling};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 
 /// What is asked for.
 pub const PROMPT: &str = "a person walks forward and waves the right hand";

@@ -3,7 +3,7 @@
 
 use motionette::motion::Pose;
 use motionette::{Generator, Model, Observer, Progress, Request, Stop};
-use motionette_host::convert::AlignedBlob;
+use motionette_host::blob::AlignedBlob;
 use std::ops::ControlFlow;
 
 use super::faults::Kind;

@@ -14,10 +14,9 @@ use super::model::{CheckpointFiles, grouped};
 use super::{bar, say};
 use crate::checkpoint::{PriorCheckpoint, control, prior};
 use crate::convert::{self, CardText, Options, PriorSource, Rounding, bank, calibration, lift};
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Split, captioned};
 use crate::output::write_atomic;
 use crate::reference::Prior;
-use crate::verify::planner;
 
 /// Quantises a tokenizer checkpoint, and a prior if one is given, and writes the blob that devices run; or lifts an older blob.
 ///
@@ -129,7 +128,7 @@ impl Cmd {
         let cases = match (&dataset, &prior) {
             (Some(dataset), Some(prior)) if options.calibrates_planner() => {
                 let reference = Prior::<f32>::new(prior, &checkpoint);
-                planner::cases(&checkpoint, &reference, dataset, Split::Train, calibration::CASES, false)?
+                captioned::choose(&checkpoint, &reference, dataset, Split::Train, calibration::CASES, false)?
             }
             _ => Vec::new(),
         };

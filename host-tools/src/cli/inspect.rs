@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::model::{CheckpointFiles, grouped};
 use super::say;
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
 use crate::checkpoint::{control, prior};
 use crate::inspect::{self, ControlInfo, Inspection, LayerInfo, PriorInfo};
 

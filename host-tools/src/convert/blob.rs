@@ -1,17 +1,18 @@
-//! Writes the blob: header, manifest, tensors (`runtime/src/blob/FORMAT.md`).
+//! What of a checkpoint goes into the manifest and the tensors of a blob (`runtime/src/blob/FORMAT.md`).
 
 use motionette::blob::{
     ALIGNMENT, Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator as GeneratorConfig, Guidance,
-    HEADER_LEN, Header, HumanMl3d, MAJOR, MAX_BLOCKS, MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig,
-    Representation, SKELETON_BYTES, SelfTest, Skeleton, TensorEntry, TextConfig, TextEncoderConfig, TextLength,
-    TextTable, TransformerConfig,
+    HumanMl3d, MAX_BLOCKS, MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SKELETON_BYTES,
+    SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextLength, TextTable, TransformerConfig,
 };
 use motionette::hash::Stream;
 use motionette::{Generator, Limits, Model, Plan, Request};
 
-use super::conv1d::{QuantisedConv1d, pack, split};
 use super::prior::{QuantisedPart, QuantisedPrior};
 use super::{CardText, Error, MAX_TOKENS, PriorSource};
+use crate::blob::layer::{pack, split};
+use crate::blob::write::{self as blob, Tensor, narrow};
+use crate::blob::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::prior::{self, NormOrder};
 use crate::checkpoint::{ControlCheckpoint, TokenizerCheckpoint};
 use crate::motion::uniform;
@@ -20,43 +21,6 @@ use crate::motion::uniform;
 const SELF_TEST_SEED: u32 = 1;
 /// Numbers (tokens times quantizers) of a self-test request at most.
 const SELF_TEST_NUMBERS: usize = 24;
-
-/// A blob in memory, on the boundary that the runtime asks for.
-#[derive(Debug, Clone)]
-pub struct AlignedBlob {
-    words: Vec<u128>,
-    len: usize,
-}
-
-impl AlignedBlob {
-    /// Copies `bytes` to an aligned place.
-    #[must_use]
-    pub fn new(bytes: &[u8]) -> Self {
-        let words = bytes
-            .chunks(ALIGNMENT)
-            .map(|chunk| {
-                let mut word = [0; ALIGNMENT];
-                word[..chunk.len()].copy_from_slice(chunk);
-                u128::from_le_bytes(word)
-            })
-            .collect();
-        Self { words, len: bytes.len() }
-    }
-
-    /// The blob.
-    #[must_use]
-    pub fn bytes(&self) -> &[u8] {
-        &bytemuck::cast_slice(&self.words)[..self.len]
-    }
-}
-
-/// A tensor waiting for its place.
-struct Tensor {
-    name: String,
-    dtype: DType,
-    shape: [u16; 3],
-    bytes: Vec<u8>,
-}
 
 /// Everything of a manifest that does not depend on bytes.
 struct Facts<'a> {
@@ -133,15 +97,6 @@ fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
 }
 
 fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Result<AlignedBlob, Error> {
-    let mut weights: Vec<u8> = Vec::new();
-    let mut table = Vec::new();
-    for tensor in tensors {
-        weights.resize(weights.len().next_multiple_of(ALIGNMENT), 0);
-        let offset = narrow(weights.len(), "weight section")?;
-        let entry = TensorEntry { name: &tensor.name, dtype: tensor.dtype, shape: tensor.shape, offset };
-        table.extend(postcard::to_stdvec(&entry)?);
-        weights.extend_from_slice(&tensor.bytes);
-    }
     let manifest = Manifest {
         card: Card {
             name: &facts.card.name,
@@ -168,33 +123,7 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
         self_test,
         tensor_count: narrow::<u16>(tensors.len(), "number of tensors")?,
     };
-    file(&manifest, &table, &weights)
-}
-
-/// The bytes of a blob: header, `manifest`, the tensor `table` as it is on the wire, `weights`.
-///
-/// # Errors
-/// [`Error::Manifest`], or [`Error::Limit`] for more than 4 GiB.
-pub(super) fn file(manifest: &Manifest<'_>, table: &[u8], weights: &[u8]) -> Result<AlignedBlob, Error> {
-    let mut text = postcard::to_stdvec(manifest)?;
-    text.extend_from_slice(table);
-    let offset = (HEADER_LEN + text.len()).next_multiple_of(ALIGNMENT);
-    let mut header = Header {
-        major: MAJOR,
-        minor: 0,
-        total_len: narrow(offset + weights.len(), "blob")?,
-        manifest_len: narrow(text.len(), "manifest")?,
-        weights_offset: narrow(offset, "manifest")?,
-        weights_len: narrow(weights.len(), "weight section")?,
-        crc: 0,
-    };
-    let mut blob = header.emit().to_vec();
-    blob.extend(text);
-    blob.resize(offset, 0);
-    blob.extend_from_slice(weights);
-    header.crc = Header::checksum(&blob);
-    blob[..HEADER_LEN].copy_from_slice(&header.emit());
-    Ok(AlignedBlob::new(&blob))
+    Ok(blob::write(&manifest, tensors)?)
 }
 
 /// HumanML3D's body, to which every motion was brought before training, as a manifest holds it.
@@ -312,8 +241,8 @@ fn push_prior(tensors: &mut Vec<Tensor>, source: &PriorSource<'_>, prior: &Quant
     }
     prior.planner.iter().try_for_each(|part| push_part(tensors, part))?;
     if let Some(control) = source.control {
-        tensors.push(singles("control.mean".into(), &control.statistics.mean)?);
-        tensors.push(singles("control.std".into(), &control.statistics.std)?);
+        tensors.push(Tensor::vector("control.mean".into(), &control.statistics.mean)?);
+        tensors.push(Tensor::vector("control.std".into(), &control.statistics.std)?);
     }
     prior.control.iter().try_for_each(|part| push_part(tensors, part))
 }
@@ -327,21 +256,22 @@ fn push_part(tensors: &mut Vec<Tensor>, part: &QuantisedPart) -> Result<(), Erro
             tensors.pop();
         }
         QuantisedPart::Norm(norm) => {
-            tensors.push(singles(format!("{}.weight", norm.name), &norm.weight)?);
-            tensors.push(singles(format!("{}.bias", norm.name), &norm.bias)?);
+            tensors.push(Tensor::vector(format!("{}.weight", norm.name), &norm.weight)?);
+            tensors.push(Tensor::vector(format!("{}.bias", norm.name), &norm.bias)?);
         }
     }
     Ok(())
 }
 
 fn tensors(checkpoint: &TokenizerCheckpoint, layers: &[QuantisedConv1d]) -> Result<Vec<Tensor>, Error> {
-    let statistics = checkpoint.statistics.as_ref().ok_or(crate::reference::road::RoadError::NoStatistics)?;
+    let statistics =
+        checkpoint.statistics.as_ref().ok_or(crate::reference::decode_path::DecodePathError::NoStatistics)?;
     let std: Vec<f32> = statistics.std.iter().map(|&s| s as f32).collect();
     if let Some(channel) = std.iter().position(|s| !(s.is_normal() && *s > 0.0)) {
         return Err(Error::Std { channel, value: statistics.std[channel] });
     }
     let mean: Vec<f32> = statistics.mean.iter().map(|&m| m as f32).collect();
-    let mut tensors = vec![singles("mean".into(), &mean)?, singles("std".into(), &std)?];
+    let mut tensors = vec![Tensor::vector("mean".into(), &mean)?, Tensor::vector("std".into(), &std)?];
     let width = checkpoint.config.code_dim;
     for (quantizer, book) in checkpoint.codebooks.iter().enumerate() {
         let mut bytes = Vec::with_capacity(2 * book.len());
@@ -386,18 +316,7 @@ fn push_layer(tensors: &mut Vec<Tensor>, layer: &QuantisedConv1d) -> Result<(), 
         let name = format!("{}.weight", layer.name);
         tensors.push(Tensor { name, dtype, shape: shape(layer.outputs - layer.wide)?, bytes });
     }
-    tensors.push(singles(format!("{}.scale", layer.name), &layer.scales)?);
-    tensors.push(singles(format!("{}.bias", layer.name), &layer.bias)?);
+    tensors.push(Tensor::vector(format!("{}.scale", layer.name), &layer.scales)?);
+    tensors.push(Tensor::vector(format!("{}.bias", layer.name), &layer.bias)?);
     Ok(())
-}
-
-fn singles(name: String, values: &[f32]) -> Result<Tensor, Error> {
-    let shape = [1, 1, narrow(values.len(), "length of a vector")?];
-    Ok(Tensor { name, dtype: DType::F32, shape, bytes: values.iter().flat_map(|v| v.to_le_bytes()).collect() })
-}
-
-/// A size in the format's own integer type.
-fn narrow<T: TryFrom<usize>>(found: usize, what: &'static str) -> Result<T, Error> {
-    let bits = 8 * size_of::<T>();
-    T::try_from(found).map_err(|_| Error::Limit { what, found, allowed: format!("{bits} bits") })
 }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use motionette::decoding::decoder::Portion;
 use motionette::{Generator, Request};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_link::Preset;
 use motionette_link::update::Layout;
 use motionette_sim::report::INSTRUCTIONS_PER_MAC;

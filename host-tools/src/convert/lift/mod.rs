@@ -13,7 +13,7 @@ use motionette::blob::{
 use motionette::{Model, blob};
 use sha2::{Digest, Sha256};
 
-use super::AlignedBlob;
+use crate::blob::AlignedBlob;
 
 /// A blob could not be lifted. Nothing was written.
 #[derive(Debug, thiserror::Error)]
@@ -112,7 +112,7 @@ pub fn lift(bytes: &[u8]) -> Result<Lifted, Error> {
     let old = v3::read(bytes)?;
     let skeleton = super::blob::skeleton_bytes();
     let manifest = manifest(&old.manifest, &skeleton)?;
-    let blob = super::blob::file(&manifest, old.table, old.weights)?;
+    let blob = crate::blob::write::file(&manifest, old.table, old.weights).map_err(super::Error::from)?;
     Model::open(blob.bytes()).map_err(Error::Refused)?;
     let hashes = [hash(old.weights), hash(weights(blob.bytes()))];
     Ok(Lifted { from: [v3::MAJOR, old.minor], weights: old.weights.len(), hashes, blob })

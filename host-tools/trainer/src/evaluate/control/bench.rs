@@ -8,8 +8,8 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use motionette::Request;
 use motionette::refining::Config;
-use motionette_host::blob_file::BlobFile;
-use motionette_host::verify::solvers::runtime_anchor;
+use motionette_host::blob::BlobFile;
+use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::{metrics, parallel, verify};
 use serde::{Deserialize, Serialize};
 

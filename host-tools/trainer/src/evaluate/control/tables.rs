@@ -6,8 +6,8 @@ use std::time::Instant;
 use anyhow::Result;
 use motionette::refining::{Activity, Basis, Config};
 use motionette::{Generator, Request};
+use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::verify;
-use motionette_host::verify::solvers::runtime_anchor;
 
 use super::bench::{Bench, Origin, Way};
 use super::problem::Problem;

@@ -1,13 +1,13 @@
-//! The differentiable road from latent vectors to joints: decoder, denormalisation, recovery.
+//! The differentiable decode path from latent vectors to joints: decoder, denormalisation, recovery.
 
 use super::decoder::{Decoder, Trace};
 use super::real::{Real, convert};
 use super::recover::{self, CHANNELS, JOINTS};
 use crate::checkpoint::TokenizerCheckpoint;
 
-/// A checkpoint that no road can be built from.
+/// A checkpoint that no decode path can be built from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum RoadError {
+pub enum DecodePathError {
     /// No mean and std.
     #[error(
         "the checkpoint has no mean and std, without which features are no motion; give them with --mean and --std"
@@ -23,14 +23,14 @@ pub enum RoadError {
 
 /// Decoder and statistics, restricted to the channels that joint positions depend on.
 #[derive(Debug, Clone)]
-pub struct Road<T> {
+pub struct DecodePath<T> {
     /// The decoder, [`CHANNELS`] features only.
     pub decoder: Decoder<T>,
     mean: Vec<T>,
     std: Vec<T>,
 }
 
-/// One pass along the road, kept.
+/// One pass along the decode path, kept.
 #[derive(Debug, Clone)]
 pub struct Pass<T> {
     /// The decoder's pass.
@@ -41,16 +41,16 @@ pub struct Pass<T> {
     pub joints: Vec<[[T; 3]; JOINTS]>,
 }
 
-impl<T: Real> Road<T> {
+impl<T: Real> DecodePath<T> {
     /// From a checkpoint.
     ///
     /// # Errors
-    /// [`RoadError`].
-    pub fn new(checkpoint: &TokenizerCheckpoint) -> Result<Self, RoadError> {
-        let statistics = checkpoint.statistics.as_ref().ok_or(RoadError::NoStatistics)?;
+    /// [`DecodePathError`].
+    pub fn new(checkpoint: &TokenizerCheckpoint) -> Result<Self, DecodePathError> {
+        let statistics = checkpoint.statistics.as_ref().ok_or(DecodePathError::NoStatistics)?;
         let features = checkpoint.config.features;
         if features < CHANNELS {
-            return Err(RoadError::TooFewFeatures { features });
+            return Err(DecodePathError::TooFewFeatures { features });
         }
         Ok(Self {
             decoder: Decoder::new(&checkpoint.decoder, CHANNELS),

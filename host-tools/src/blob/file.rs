@@ -6,10 +6,10 @@ use motionette::Model;
 use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensors};
 use motionette::kernels::unpacked;
 
+use super::{AlignedBlob, QuantisedConv1d};
+use crate::checkpoint::anchors::Family;
 use crate::checkpoint::prior::PartMut;
 use crate::checkpoint::{self, ControlCheckpoint, PriorCheckpoint};
-use crate::convert::{AlignedBlob, QuantisedConv1d};
-use crate::reference::anchors::Family;
 
 /// What the names of the anchor control's tensors begin with.
 const CONTROL: &str = "control.";
@@ -118,8 +118,8 @@ impl BlobFile {
         read().map_err(|source| self.refused(source))
     }
 
-    /// Why the planner does not see some of the anchors it is given, for a person; that the request may have said so is the caller's
-    /// to know.
+    /// Why the planner does not see some of the anchors of a request, in words for a person. The caller knows whether the request itself
+    /// asked for that.
     ///
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
@@ -183,12 +183,16 @@ impl BlobFile {
         Ok(layers.split_off(convolutions(&manifest).min(layers.len())))
     }
 
-    /// `decoder` with the blob's weights in place of its own: what the integers stand for, to run in the reference.
+    /// `decoder` with the blob's weights, as real numbers, in place of its own: to run in the reference.
     ///
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn dequantised(&self, decoder: &checkpoint::Decoder) -> Result<checkpoint::Decoder, Error> {
-        Ok(crate::convert::decoder::dequantised(decoder, &self.layers()?))
+        let mut result = decoder.clone();
+        for (to, from) in result.convolutions_mut().into_iter().zip(self.layers()?) {
+            *to = from.dequantised();
+        }
+        Ok(result)
     }
 
     /// A prior with the blob's weights in place of its own; what the blob does not hold (norms, a text encoder that was left out) stays.
@@ -212,7 +216,7 @@ impl BlobFile {
     }
 }
 
-/// What the integers of `layers` stand for into the parts of the same names.
+/// Puts the real weights that `layers` stand for into the parts of the same names.
 fn put_back(layers: &[QuantisedConv1d], parts: Vec<PartMut<'_>>) {
     let find = |name: &str| layers.iter().find(|l| l.name == name).map(QuantisedConv1d::dequantised);
     for part in parts {
