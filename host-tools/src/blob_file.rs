@@ -9,7 +9,11 @@ use motionette::kernels::unpacked;
 use crate::checkpoint::prior::PartMut;
 use crate::checkpoint::{self, ControlCheckpoint, PriorCheckpoint};
 use crate::convert::{AlignedBlob, QuantisedConv1d};
+use crate::input;
 use crate::reference::anchors::Family;
+
+/// Bytes of a blob at most: its length has 32 bits.
+const LARGEST: u64 = u32::MAX as u64;
 
 /// What the names of the anchor control's tensors begin with.
 const CONTROL: &str = "control.";
@@ -65,7 +69,7 @@ impl BlobFile {
     /// # Errors
     /// [`Error`], with the path.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        let bytes = input::read(path, LARGEST).map_err(|source| Error::Io { path: path.to_owned(), source })?;
         Self::new(AlignedBlob::new(&bytes), path)
     }
 
