@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::model::{CheckpointFiles, grouped};
-use super::{bar, say};
+use super::{bar, capabilities, say};
 use crate::checkpoint::{PriorCheckpoint, control, prior};
 use crate::convert::{self, CardText, Options, PriorSource, Rounding, bank, calibration};
 use crate::dataset::{Dataset, Split};
@@ -25,7 +25,8 @@ use crate::verify::planner;
 /// under their names; with --no-text-encoder these are all that the blob can be asked for. With the prior's control anchors do not only
 /// bend what was planned, the planner sees them.
 ///
-/// Example: motionette convert nano.safetensors --prior nano.prior.safetensors --calibration data/pack.mds -o nano.blob
+/// Example: motionette convert nano.safetensors --prior nano.prior.safetensors --control nano.control.safetensors --calibration
+/// data/pack.mds -o out/nano.blob
 #[derive(Debug, Args)]
 pub(super) struct Cmd {
     /// The checkpoint.
@@ -156,11 +157,17 @@ impl Cmd {
         })?;
         progress.finish_and_clear();
         let bytes = conversion.blob.bytes();
+        let lost = capabilities::lost(&self.output, bytes)?;
+        if !lost.is_empty() {
+            let (path, lost) = (self.output.display(), lost.join(", "));
+            say(&format!("warning: {path} is replaced by a blob that can do less; the one before had {lost}"));
+        }
         write_atomic(&self.output, |w| w.write_all(bytes)).context("writing the blob")?;
         say(&format!("{} bytes to {}", grouped(bytes.len() as u64), self.output.display()));
         Ok(json!({
-            "output": self.output,
+            "output": super::shown(&self.output),
             "bytes": bytes.len(),
+            "lost": lost,
             "layers": conversion.layers.len(),
             "words": prior.as_ref().filter(|_| !self.no_text_encoder).map(|p| p.config.vocabulary.len()),
             "bank": bank.iter().map(|e| &e.name).collect::<Vec<_>>(),

@@ -133,7 +133,7 @@ impl Cmd {
         let centimetres = |metres: f64| 100.0 * metres;
         let control = metrics::control_error(frames, anchors).map(centimetres);
         let mut report = json!({
-            "outputs": self.outputs,
+            "outputs": self.outputs.iter().map(|path| super::shown(path)).collect::<Vec<_>>(),
             "frames": frames.len(),
             "seconds": seconds,
             "anchors": anchors.len(),

@@ -53,7 +53,7 @@ impl Cmd {
             grouped(made.arena_used as u64)
         ));
         Ok(json!({
-            "output": self.output,
+            "output": super::shown(&self.output),
             "prompt": text.as_ref().or(prompt.as_ref()),
             "words": made.words[0],
             "unknown_words": made.words[1],
