@@ -6,6 +6,7 @@
 use anyhow::{Context, bail};
 use clap::Args;
 use motionette::{Anchor, Model, Request};
+use motionette_host::console::say;
 use motionette_host::dataset::Dataset;
 use motionette_host::reference::Tokenizer;
 use motionette_host::verify::runtime_token;
@@ -138,7 +139,7 @@ impl Cmd {
         };
         let text = serde_json::to_string_pretty(&bundle)?;
         output::write_atomic(&self.out, |file| writeln!(file, "{text}"))?;
-        println!("{} clips to {}", bundle.clips.len(), self.out.display());
+        say(&format!("{} clips to {}", bundle.clips.len(), self.out.display()));
         Ok(())
     }
 }

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`demo`] | the main job: a request through runtime, robot loop and reference, results in a folder |
 //! | [`bundle`] | the token sequences of real test motions that come with the simulator, and how they are made |
+//! | [`default_model`] | the checkpoints of the built-in model |
 //! | [`source`] | what a request is made from: a prompt, the bundle or the user's BVH file |
 //! | [`session`] | one request through the runtime, watched: timings, memory, control-error curve |
 //! | [`intervals`] | the intervals between anchors and their activity |
@@ -15,6 +16,7 @@
 //! | [`twin`] | the requests that desktop and emulated Cortex-M run alike |
 
 pub mod bundle;
+pub mod default_model;
 pub mod demo;
 pub mod intervals;
 pub mod report;

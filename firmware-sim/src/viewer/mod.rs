@@ -1,5 +1,8 @@
 //! The viewer: one HTML file with everything in it, made from the parts under `page/`.
 
+#[cfg(test)]
+mod contrast;
+
 use crate::intervals::Interval;
 use crate::report::AnchorErrors;
 use crate::robot::ShownRobot;
@@ -11,11 +14,12 @@ use serde::Serialize;
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/style.css");
 /// Scripts in the order in which they build on one another.
-const SCRIPTS: [&str; 9] = [
+const SCRIPTS: [&str; 10] = [
     include_str!("page/scene.js"),
     include_str!("page/camera.js"),
     include_str!("page/body.js"),
     include_str!("page/stage.js"),
+    include_str!("page/labels.js"),
     include_str!("page/chart.js"),
     include_str!("page/tokens.js"),
     include_str!("page/intervals.js"),
