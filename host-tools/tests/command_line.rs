@@ -268,6 +268,7 @@ fn what_has_no_end_is_not_read() {
         &["recover", "/dev/zero", "-o", "x.npy"],
         &["convert", "/dev/zero", "-o", "x.blob"],
         &["verify", "/dev/zero", "--checkpoint", "x", "--dataset", "y"],
+        &["import", "kimodo", "/dev/zero", "-o", "x.json"],
     ] {
         fails(here, &[arguments, &["--json"]].concat(), &["/dev/zero", "device"]);
     }
