@@ -17,7 +17,7 @@ use crate::motion::Pose;
 
 /// The motion that is asked for. Commands say which of these they need.
 #[derive(Debug, Args)]
-pub(super) struct Making {
+pub(super) struct GenerateArgs {
     /// The blob.
     #[arg(long, value_name = "FILE")]
     blob: Option<PathBuf>,
@@ -108,7 +108,7 @@ enum Draw {
     Gumbel,
 }
 
-impl Making {
+impl GenerateArgs {
     /// Makes the motion; says what it could not take into account.
     pub fn make(&self) -> Result<Made> {
         let blob = BlobFile::open(self.blob.as_deref().context("a motion from text needs a model: give --blob")?)?;
