@@ -4,6 +4,8 @@ use anyhow::Context;
 use motionette_host::checkpoint::{self, ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
 use std::path::Path;
 
+/// `models/nano.blob`, what the runtime reads.
+pub const BLOB: &[u8] = include_bytes!("../../models/nano.blob");
 /// `models/nano.safetensors`.
 const TOKENIZER: &[u8] = include_bytes!("../../models/nano.safetensors");
 /// `models/nano.prior.safetensors`.

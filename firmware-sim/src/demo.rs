@@ -1,11 +1,11 @@
 //! The main job: a prompt and anchors, or a real motion, through the embedded runtime, bent onto the anchors, played by a virtual
 //! robot, checked against the reference, written to a folder.
 
-use crate::bundle;
 use crate::default_model;
 use crate::intervals;
 use crate::report::{Parts, Report};
 use crate::robot::{Kind, Played, Stage};
+use crate::sample_clips;
 use crate::session::{self, Outcome};
 use crate::source::{self, Content, Source};
 use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownStage, ShownWord};
@@ -147,7 +147,7 @@ impl Cmd {
     /// Whatever input is refused or cannot be read, and what cannot be written.
     pub fn run(self) -> anyhow::Result<()> {
         if self.list {
-            for clip in bundle::Bundle::built_in()?.clips {
+            for clip in sample_clips::SampleClips::built_in()?.clips {
                 say(&format!("{:44} {:3} tokens  {}", clip.id, clip.tokens.len(), clip.caption));
             }
             return Ok(());
@@ -155,7 +155,7 @@ impl Cmd {
         let checkpoint = default_model::tokenizer(self.checkpoint.as_deref())?;
         let blob = match &self.blob {
             Some(path) => BlobFile::open(path)?,
-            None => BlobFile::new(AlignedBlob::new(bundle::BLOB), Path::new("(built in)"))?,
+            None => BlobFile::new(AlignedBlob::new(default_model::BLOB), Path::new("(built in)"))?,
         };
         motionette_host::verify::check_same_model(&blob, &checkpoint)?;
         let model = blob.model()?;

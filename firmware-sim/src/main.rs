@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use motionette_host::console;
-use motionette_sim::{bundle, demo, serve};
+use motionette_sim::{demo, sample_clips, serve};
 use std::process::ExitCode;
 
 /// A virtual robot that runs motionette's embedded runtime and checks it against the reference.
@@ -22,7 +22,8 @@ enum Command {
     /// Serve the device link of a simulated robot over TCP.
     Serve(serve::Cmd),
     /// Make the bundled token sequences anew from a dataset and a checkpoint.
-    Bundle(bundle::Cmd),
+    #[command(name = "bundle")]
+    SampleClips(sample_clips::Cmd),
 }
 
 fn main() -> ExitCode {
@@ -30,7 +31,7 @@ fn main() -> ExitCode {
     let result = match cli.command {
         Some(Command::Demo(cmd)) => cmd.run(),
         Some(Command::Serve(cmd)) => cmd.run(),
-        Some(Command::Bundle(cmd)) => cmd.run(),
+        Some(Command::SampleClips(cmd)) => cmd.run(),
         None => cli.demo.run(),
     };
     match result.and_then(|()| Ok(console::finish()?)) {

@@ -5,7 +5,7 @@ mod browser;
 use motionette_host::blob_file::BlobFile;
 use motionette_host::checkpoint::{self, prior};
 use motionette_host::convert::{self, AlignedBlob, CardText, Options, PriorSource, Rounding};
-use motionette_sim::bundle;
+use motionette_sim::default_model;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -34,7 +34,8 @@ fn path(folder: &tempfile::TempDir, name: &str) -> String {
 
 /// Whether the built-in model's planner sees anchors.
 fn built_in_control() -> bool {
-    let blob = BlobFile::new(AlignedBlob::new(bundle::BLOB), Path::new("(built in)")).expect("the built-in model");
+    let blob =
+        BlobFile::new(AlignedBlob::new(default_model::BLOB), Path::new("(built in)")).expect("the built-in model");
     blob.parts().expect("its manifest").1.control.is_some()
 }
 
