@@ -12,7 +12,7 @@
 //! | [`serve`] | the simulated robot behind a TCP port, with the device link of a board |
 //! | [`report`] | the figures of a run, as text, markdown and JSON |
 //! | [`viewer`] | the self-contained HTML page |
-//! | [`standard`] | the standard request of the budgets, counted on the desktop and on emulated cores |
+//! | [`standard_request`] | the standard request of the budgets, counted on the desktop and on emulated cores |
 //! | [`twin`] | the requests that desktop and emulated Cortex-M run alike |
 
 pub mod default_model;
@@ -24,6 +24,6 @@ pub mod sample_clips;
 pub mod serve;
 pub mod session;
 pub mod source;
-pub mod standard;
+pub mod standard_request;
 pub mod twin;
 pub mod viewer;
