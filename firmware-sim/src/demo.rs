@@ -1,10 +1,11 @@
 //! The main job: a prompt and anchors, or a real motion, through the embedded runtime, bent onto the anchors, played by a virtual
 //! robot, checked against the reference, written to a folder.
 
-use crate::bundle;
+use crate::default_model;
 use crate::intervals;
 use crate::report::{Parts, Report};
 use crate::robot::{Kind, Played, Stage};
+use crate::sample_clips;
 use crate::session::{self, Outcome};
 use crate::source::{self, Content, Source};
 use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownStage, ShownWord};
@@ -20,7 +21,8 @@ use motionette::request::conditions::AnchorSet;
 use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob::{AlignedBlob, BlobFile};
-use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};
+use motionette_host::checkpoint::TokenizerCheckpoint;
+use motionette_host::console::say;
 use motionette_host::dataset::captioned::CaptionedMotion;
 use motionette_host::motion::Pose;
 use motionette_host::reference::bridge::reference_anchor;
@@ -63,20 +65,19 @@ pub struct Cmd {
     /// rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled.
     #[arg(long, default_value = "fast:20", value_parser = refinement)]
     refinement: Refinement,
-    /// Seed of the planner, of the shuffled-activity ablation, and of the faults.
+    /// Seed of the planner and of the shuffled-activity ablation.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Another model than the built-in one.
     #[arg(long, value_name = "FILE")]
     blob: Option<PathBuf>,
-    /// The unquantised checkpoint of the model; models/nano.safetensors of this project if nothing is said.
+    /// The unquantised checkpoint of the model; that of the built-in model if nothing is said.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
-    /// The unquantised checkpoint of text encoder and planner; models/nano.prior.safetensors of this project if nothing is said.
+    /// The unquantised checkpoint of text encoder and planner; that of the built-in model if nothing is said.
     #[arg(long, value_name = "FILE")]
     prior: Option<PathBuf>,
-    /// The unquantised checkpoint of anchor control, if the model has it; models/nano.control.safetensors of this project if nothing
-    /// is said.
+    /// The unquantised checkpoint of anchor control, if the model has it; that of the built-in model if nothing is said.
     #[arg(long, value_name = "FILE")]
     control: Option<PathBuf>,
     /// The robot whose servos play the motion: a preset (`motionette robot presets`) or a robot.toml.
@@ -85,6 +86,9 @@ pub struct Cmd {
     /// What goes wrong on the way: nack, stuck, late, bit, brownout (buses and power), corrupt (blob), overrun, arena (generator).
     #[arg(long, value_name = "FAULT,..", value_delimiter = ',')]
     faults: Vec<Kind>,
+    /// Seed of what goes wrong: when, where, how often.
+    #[arg(long, default_value_t = 1, value_name = "SEED")]
+    fault_seed: u64,
     /// Folder for the results.
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
@@ -143,15 +147,15 @@ impl Cmd {
     /// Whatever input is refused or cannot be read, and what cannot be written.
     pub fn run(self) -> anyhow::Result<()> {
         if self.list {
-            for clip in bundle::Bundle::built_in()?.clips {
+            for clip in sample_clips::SampleClips::built_in()?.clips {
                 say(&format!("{:44} {:3} tokens  {}", clip.id, clip.tokens.len(), clip.caption));
             }
             return Ok(());
         }
-        let checkpoint = self.checkpoint()?;
+        let checkpoint = default_model::tokenizer(self.checkpoint.as_deref())?;
         let blob = match &self.blob {
             Some(path) => BlobFile::open(path)?,
-            None => BlobFile::new(AlignedBlob::new(bundle::BLOB), Path::new("(built in)"))?,
+            None => BlobFile::new(AlignedBlob::new(default_model::BLOB), Path::new("(built in)"))?,
         };
         motionette_host::verify::check_same_model(&blob, &checkpoint)?;
         let model = blob.model()?;
@@ -262,7 +266,7 @@ impl Cmd {
             anchors: &source.anchors,
             rotation_error: after.rotation_error,
             faults: &faults,
-            seed: self.seed,
+            seed: self.fault_seed,
         };
         stage.run()
     }
@@ -294,6 +298,9 @@ impl Cmd {
             };
             anchors_file::check(&source.anchors, tokens * model.frames_per_token())
                 .with_context(|| format!("{}", path.display()))?;
+            let far = anchors_file::out_of_reach(&source.anchors);
+            source.notes.extend(far.iter().map(|far| format!("warning: {far}")));
+            source.anchors = anchors_file::distinct(&source.anchors);
         }
         Ok(source)
     }
@@ -323,24 +330,6 @@ impl Cmd {
         }
     }
 
-    /// A file of the project's models, or the one that was given.
-    fn model_file(given: Option<&PathBuf>, name: &str) -> PathBuf {
-        given.cloned().unwrap_or_else(|| {
-            // `cargo run` says where the package is; a binary on its own looks in the current folder.
-            let root =
-                std::env::var_os("CARGO_MANIFEST_DIR").map_or_else(PathBuf::new, |dir| PathBuf::from(dir).join(".."));
-            root.join("models").join(name)
-        })
-    }
-
-    /// The checkpoint that the reference runs from.
-    fn checkpoint(&self) -> anyhow::Result<TokenizerCheckpoint> {
-        let path = Self::model_file(self.checkpoint.as_ref(), "nano.safetensors");
-        checkpoint::load(&path).with_context(|| {
-            "the reference needs the model's unquantised checkpoint: run from the project's folder or give --checkpoint"
-        })
-    }
-
     /// Asks the reference what it would have proposed in the runtime's place, at every step. `anchors` are those that the planner was
     /// given.
     fn compare_planners(
@@ -351,17 +340,11 @@ impl Cmd {
         tokenizer: &TokenizerCheckpoint,
         after: &Outcome,
     ) -> anyhow::Result<Compared> {
-        let path = Self::model_file(self.prior.as_ref(), "nano.prior.safetensors");
-        let checkpoint: PriorCheckpoint = checkpoint::prior::load(&path).with_context(|| {
-            "the reference needs the unquantised checkpoint of text encoder and planner: run from the project's folder or give --prior"
-        })?;
+        let checkpoint = default_model::prior(self.prior.as_deref())?;
         motionette_host::verify::check_same_prior(blob, &checkpoint)?;
         let mut prior = Prior::<f32>::new(&checkpoint, tokenizer);
         if !anchors.is_empty() {
-            let path = Self::model_file(self.control.as_ref(), "nano.control.safetensors");
-            let control = checkpoint::control::load(&path).with_context(|| {
-                "the reference needs the unquantised checkpoint of anchor control: run from the project's folder or give --control"
-            })?;
+            let control = default_model::control(self.control.as_deref())?;
             control.check_prior(&checkpoint, tokenizer).context("matching control and prior")?;
             motionette_host::verify::check_same_control(blob, &control)?;
             prior = prior.controlled(&control, tokenizer.config.fps);
@@ -519,12 +502,6 @@ fn curve(errors: &[f32]) -> Vec<CurvePoint> {
             CurvePoint { evaluations: index + 1, error_cm: best }
         })
         .collect()
-}
-
-/// A line on standard output. A closed pipe is no reason to fail.
-fn say(line: &str) {
-    use std::io::Write;
-    let _ = writeln!(std::io::stdout(), "{line}");
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! `motionette-sim`: the virtual robot. Without a subcommand it runs the demo.
 
 use clap::{Parser, Subcommand};
+use motionette_host::console;
 use motionette_sim::robot::boots;
-use motionette_sim::{bundle, demo, serve};
-use std::io::Write;
+use motionette_sim::{demo, sample_clips, serve};
 use std::process::ExitCode;
 
 /// A virtual robot that runs motionette's embedded runtime and checks it against the reference.
@@ -25,7 +25,8 @@ enum Command {
     /// Start simulated robots again and again, and say what their horns did.
     Boots(boots::Cmd),
     /// Make the bundled token sequences anew from a dataset and a checkpoint.
-    Bundle(bundle::Cmd),
+    #[command(name = "bundle")]
+    SampleClips(sample_clips::Cmd),
 }
 
 fn main() -> ExitCode {
@@ -34,18 +35,41 @@ fn main() -> ExitCode {
         Some(Command::Demo(cmd)) => cmd.run(),
         Some(Command::Serve(cmd)) => cmd.run(),
         Some(Command::Boots(cmd)) => cmd.run(),
-        Some(Command::Bundle(cmd)) => cmd.run(),
+        Some(Command::SampleClips(cmd)) => cmd.run(),
         None => cli.demo.run(),
     };
-    match result {
+    match result.and_then(|()| Ok(console::finish()?)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let mut stderr = std::io::stderr();
-            let _ = writeln!(stderr, "error: {error}");
-            for cause in error.chain().skip(1) {
-                let _ = writeln!(stderr, "  because: {cause}");
-            }
+            console::complain(&error, None);
             ExitCode::FAILURE
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_readme_s_commands_are_understood() {
+        let text = include_str!("../../README.md");
+        let mut count = 0;
+        for line in text.lines() {
+            // `cargo run` runs this program.
+            let rest = line.strip_prefix("motionette-sim ").or_else(|| line.strip_prefix("cargo run --release -- "));
+            let Some(rest) = rest else { continue };
+            // Every other part stands in quotes.
+            let parts = rest.split(" #").next().unwrap_or_default().split('"').enumerate();
+            let words = parts.flat_map(|(k, part)| match k % 2 {
+                0 => part.split_whitespace().collect::<Vec<_>>(),
+                _ => vec![part],
+            });
+            if let Err(error) = Cli::try_parse_from(std::iter::once("motionette-sim").chain(words)) {
+                panic!("{line}: {error}");
+            }
+            count += 1;
+        }
+        assert!(count >= 4, "{count} commands");
     }
 }

@@ -24,7 +24,7 @@ use motionette_link::thread::{self, Desk, Note};
 use motionette_link::update::blob_in;
 use motionette_link::{Preset, Server, Station, Storage, Store, Vitals};
 
-use crate::bundle;
+use crate::default_model;
 use crate::robot::clock::Clock;
 use crate::robot::faults::Injector;
 use crate::robot::flash::Flash;
@@ -70,7 +70,7 @@ impl Cmd {
             None => Flash::default(),
         };
         if !self.empty && Store::open(&flash).active().is_none() {
-            install(&mut flash, bundle::BLOB)?;
+            install(&mut flash, default_model::BLOB)?;
         }
         let preset = if self.pico2 { Preset::PICO2 } else { Preset::DESKTOP };
         let listener = TcpListener::bind(("127.0.0.1", self.port))

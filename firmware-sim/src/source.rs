@@ -1,6 +1,6 @@
 //! What a request is made from: a prompt, a bundled token sequence, or the user's BVH file through the reference encoder.
 
-use crate::bundle::Bundle;
+use crate::sample_clips::SampleClips;
 use anyhow::Context;
 use motionette::{Anchor, Anchors, Joint};
 use motionette_host::checkpoint::TokenizerCheckpoint;
@@ -70,8 +70,8 @@ pub fn default_job(frame_rate: u16) -> anyhow::Result<Source> {
 /// # Errors
 /// When there is none of that name.
 pub fn bundled(id: Option<&str>) -> anyhow::Result<Source> {
-    let bundle = Bundle::built_in()?;
-    let clip = bundle.clip(id)?;
+    let samples = SampleClips::built_in()?;
+    let clip = samples.clip(id)?;
     Ok(Source {
         name: clip.id.clone(),
         caption: clip.caption.clone(),

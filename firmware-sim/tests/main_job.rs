@@ -1,20 +1,19 @@
 //! The main job as a user runs it: results, figures, viewer, and what it says about bad input.
 
+mod browser;
+
 use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::{self, prior};
 use motionette_host::convert::{self, CardText, Options, PriorSource, Rounding};
-use motionette_sim::bundle;
+use motionette_sim::default_model;
 use serde_json::Value;
-use std::io::{Read, Write};
-use std::net::TcpListener;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::path::Path;
+use std::process::{Command, Output};
 
 fn simulate(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_motionette-sim"))
         .args(arguments)
-        .env("CARGO_MANIFEST_DIR", env!("CARGO_MANIFEST_DIR"))
+        .env_remove("CARGO_MANIFEST_DIR")
         .output()
         .expect("the simulator starts")
 }
@@ -35,7 +34,8 @@ fn path(folder: &tempfile::TempDir, name: &str) -> String {
 
 /// Whether the built-in model's planner sees anchors.
 fn built_in_control() -> bool {
-    let blob = BlobFile::new(AlignedBlob::new(bundle::BLOB), Path::new("(built in)")).expect("the built-in model");
+    let blob =
+        BlobFile::new(AlignedBlob::new(default_model::BLOB), Path::new("(built in)")).expect("the built-in model");
     blob.parts().expect("its manifest").1.generator.control().is_some()
 }
 
@@ -96,6 +96,20 @@ fn the_default_job_makes_a_motion_from_text_and_agrees_with_the_reference() {
     }
     let (_again, second) = default_job();
     assert_eq!(second["motion_hash"], figures["motion_hash"], "the same request gives the same bits");
+}
+
+#[test]
+fn the_default_job_needs_nothing_but_the_program() {
+    let out = folder();
+    let output = Command::new(env!("CARGO_BIN_EXE_motionette-sim"))
+        .arg("--json")
+        .env_remove("CARGO_MANIFEST_DIR")
+        .current_dir(out.path())
+        .output()
+        .expect("the simulator starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(last_line(&output)["planner_token_agreement"].as_f64() > Some(0.95));
+    assert!(out.path().join("out/viewer.html").is_file());
 }
 
 #[test]
@@ -190,90 +204,14 @@ fn a_written_motion_can_be_read_back_as_a_recording() {
     assert!((frames(&again) - frames(&figures)).abs() <= 4.0, "{again}");
 }
 
-/// The page with a recorder of errors before its own scripts, and behind them a check that plays it and reports to
-/// `port` once the skeleton has moved, or after 30 s.
-fn instrumented(page: &Path, port: u16) -> PathBuf {
-    let text = std::fs::read_to_string(page).expect("viewer.html");
-    let recorder = "<head><script>window.problems = [];\
-        addEventListener('error', (e) => problems.push(String(e.message)));\
-        addEventListener('unhandledrejection', (e) => problems.push(String(e.reason)));\
-        console.error = (...a) => problems.push(a.join(' '));</script>";
-    let check = format!(
-        "<script>motionette.play(false); motionette.seek(0); motionette.play(true);\
-        document.dispatchEvent(new KeyboardEvent('keydown', {{ key: '3' }}));\
-        const alone = motionette.state().layers.alone;\
-        let tries = 0; const timer = setInterval(() => {{ tries += 1;\
-        if (motionette.state().frame > 1 || tries > 300) {{ clearInterval(timer);\
-        fetch('http://127.0.0.1:{port}/', {{ method: 'POST', mode: 'no-cors',\
-        body: JSON.stringify({{ problems, state: motionette.state(), alone,\
-        intervals: [...document.querySelectorAll('#intervals button')].map((b) => b.title),\
-        columns: [...document.querySelectorAll('#anchors th')].map((e) => e.textContent) }}) }}); }} }}, 100);</script></body>"
-    );
-    let text = text.replacen("<head>", recorder, 1).replacen("</body>", &check, 1);
-    let copy = page.with_file_name("checked.html");
-    std::fs::write(&copy, text).expect("a copy of the page");
-    copy
-}
-
-/// The body of the first request that arrives within a minute.
-fn reported(listener: &TcpListener) -> Option<String> {
-    listener.set_nonblocking(true).expect("a listener that does not block");
-    let deadline = Instant::now() + Duration::from_secs(60);
-    while Instant::now() < deadline {
-        let Ok((mut stream, _)) = listener.accept() else {
-            std::thread::sleep(Duration::from_millis(50));
-            continue;
-        };
-        stream.set_nonblocking(false).expect("a stream that blocks");
-        stream.set_read_timeout(Some(Duration::from_secs(5))).expect("a time limit");
-        let (mut received, mut part) = (Vec::new(), [0u8; 4096]);
-        // The report is one JSON object; the request is over when it is complete.
-        while let Ok(count) = stream.read(&mut part)
-            && count > 0
-        {
-            received.extend(&part[..count]);
-            let text = String::from_utf8_lossy(&received);
-            if let Some((_, body)) = text.split_once("\r\n\r\n")
-                && serde_json::from_str::<Value>(body).is_ok()
-            {
-                let _ = stream.write_all(b"HTTP/1.1 204 No Content\r\nContent-Length: 0\r\n\r\n");
-                return Some(body.to_owned());
-            }
-        }
-    }
-    None
-}
-
 #[test]
 fn the_viewer_plays_in_a_browser_without_errors() {
-    let browser = ["chromium", "chromium-browser", "google-chrome"]
-        .into_iter()
-        .find(|name| Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success()));
-    let Some(browser) = browser else {
-        panic!("the viewer test needs Chromium; install it with: apt-get install -y chromium");
-    };
     let (out, figures) = default_job();
     let page = out.path().join("results/viewer.html");
     let text = std::fs::read_to_string(&page).expect("viewer.html");
     assert_eq!(text.matches("http://").count(), text.matches("http://www.w3.org").count(), "the page needs no network");
     assert!(!text.contains("https://"), "the page needs no network");
-    let listener = TcpListener::bind(("127.0.0.1", 0)).expect("a local port");
-    let checked = instrumented(&page, listener.local_addr().expect("its address").port());
-    let mut running = Command::new(browser)
-        .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1280,800"])
-        .arg("--remote-debugging-port=0")
-        .arg(format!("--user-data-dir={}", out.path().join("profile").display()))
-        .arg(format!("file://{}", checked.display()))
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the browser starts");
-    let report = reported(&listener);
-    let _ = running.kill();
-    let _ = running.wait();
-    let report = report.expect("the page reports within a minute");
-    let check: Value = serde_json::from_str(&report).expect("the report is JSON");
-    assert_eq!(check["problems"], Value::Array(Vec::new()), "{check}");
+    let check = browser::run(&page, include_str!("browser/plays.js"));
     assert_eq!(check["state"]["frames"], figures["frames"], "{check}");
     assert_eq!(check["state"]["playing"], true, "{check}");
     let conditioned = built_in_control();
@@ -286,6 +224,44 @@ fn the_viewer_plays_in_a_browser_without_errors() {
     let first = intervals[0].as_str().unwrap_or_default();
     assert!(first.starts_with("0.00 to 2.00 s, 10 tokens: activity ") && first.ends_with(" refined"), "{check}");
     assert!(check["state"]["frame"].as_f64().is_some_and(|f| f > 1.0), "the skeleton does not play: {check}");
+
+    // Labels stand beside the body, whichever frame.
+    let seen = browser::run(&page, include_str!("browser/labels.js"));
+    let shares: Vec<f64> = seen["shares"].as_array().expect("a list").iter().filter_map(Value::as_f64).collect();
+    assert_eq!(shares.len(), 12, "{seen}");
+    assert!(shares.iter().all(|share| *share < 0.03), "labels cover the body: {seen}");
+    for drawn in seen["drawn"].as_array().expect("a list") {
+        let [body, labels] = [&drawn[0], &drawn[1]].map(|pixels| pixels.as_u64().unwrap_or_default());
+        assert!(body > 500 && labels > 500, "body and labels are there: {seen}");
+    }
+}
+
+#[test]
+fn the_viewers_charts_are_reached_and_read_by_keyboard() {
+    let (out, figures) = default_job();
+    let seen = browser::run(&out.path().join("results/viewer.html"), include_str!("browser/keyboard.js"));
+    let frames = figures["frames"].as_u64().expect("frames");
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    assert_eq!(
+        [&seen["tokenStops"], &seen["servoStops"], &seen["servoStopsLater"], &seen["curveStops"]],
+        [1; 4],
+        "{seen}"
+    );
+    // Three tokens of four frames, and a step up from the last of ten.
+    assert_eq!((&seen["tokenFirst"][0], &seen["tokenThird"][0]), (&0.into(), &12.into()), "{seen}");
+    assert!(text(&seen["tokenFirst"][1]).starts_with("step 9, token 0 (0.0 s): code "), "{seen}");
+    assert!(text(&seen["tokenThird"][1]).starts_with("step 8, token 3 (0.6 s): code "), "{seen}");
+    assert_eq!((&seen["tokenLast"][0], &seen["tokenHandled"]), (&(frames - 4).into(), &true.into()), "{seen}");
+    assert!(text(&seen["servos"][0]).starts_with("waist yaw,") && text(&seen["servos"][1]).starts_with("waist pitch,"));
+    assert_eq!((&seen["servoTime"][0], &seen["servoHome"]), (&42.into(), &0.into()), "{seen}");
+    let reading = text(&seen["servoTime"][1]);
+    assert!(reading.contains(" s: ") && reading.contains(" degrees commanded, "), "{seen}");
+    let evaluations = figures["decoder_evaluations"].as_u64().expect("a count");
+    for (index, count) in [(0, evaluations), (1, evaluations - 1)] {
+        assert!(text(&seen["curve"][index]).starts_with(&format!("{count} evaluations: ")), "{seen}");
+    }
+    assert!(text(&seen["curve"][2]).ends_with(" cm"), "{seen}");
+    assert_eq!(seen["curve"][3], 40, "the motion stays where it is: {seen}");
 }
 
 #[test]
@@ -359,6 +335,22 @@ fn an_anchor_out_of_reach_is_met_as_well_as_can_be_and_the_rest_is_reported() {
     let error = |name: &str| figures[name].as_f64().unwrap_or(f64::NAN);
     assert!(error("control_error_after_cm") <= error("control_error_before_cm"), "{figures}");
     assert!(error("control_error_after_cm") > 50.0, "ten metres in one frame cannot be met: {figures}");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        text.contains("warning: anchor 1 lies 9.1 m beyond what a body can reach in 0.05 s from anchor 0"),
+        "{text}"
+    );
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn output_that_is_lost_is_a_failure() {
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").expect("a full device");
+    let output = Command::new(env!("CARGO_BIN_EXE_motionette-sim")).arg("--list").stdout(full).output();
+    let output = output.expect("the simulator starts");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("standard output") && text.contains("No space left"), "{text}");
 }
 
 #[cfg(unix)]
@@ -377,10 +369,13 @@ fn a_prompt_that_is_no_text_is_refused() {
 #[test]
 fn the_robot_plays_it_and_comes_back_from_every_fault() {
     let out = folder();
-    let arguments = ["--faults", "nack,brownout,overrun,corrupt,arena", "--seed", "3", "--json", "--out"];
+    let arguments = ["--faults", "nack,brownout,overrun,corrupt,arena", "--fault-seed", "3", "--json", "--out"];
     let output = simulate(&[&arguments[..], &[&path(&out, "results")]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let robot = &last_line(&output)["robot"];
+    let figures = last_line(&output);
+    // Another seed of the faults is the same motion.
+    assert_eq!(figures["motion_hash"], default_job().1["motion_hash"]);
+    let robot = &figures["robot"];
     assert_eq!((&robot["faults_injected"], &robot["faults_recovered"]), (&5.into(), &5.into()), "{robot}");
     assert_eq!((&robot["missed_ticks"], &robot["limit_violations"]), (&0.into(), &0.into()), "{robot}");
     assert_eq!((&robot["end_state"], &robot["motions"]), (&"neutral".into(), &2.into()), "{robot}");

@@ -12,16 +12,17 @@ use motionette::playback::{Rest, Robot, Start, StartFault, When};
 use motionette::{Generator, Model, Request};
 use motionette_host::blob::AlignedBlob;
 use motionette_host::robot_file;
-use motionette_sim::bundle::{self, Bundle};
+use motionette_sim::default_model;
 use motionette_sim::robot::boots::{self, Series};
 use motionette_sim::robot::{Boot, EndState, Event, Fault, Kind, Run, Scenario, faults, run};
+use motionette_sim::sample_clips::SampleClips;
 
 const READY: u64 = 200_000;
 
 /// A recorded motion, as the runtime decodes it.
 fn motion() -> Vec<Pose> {
-    let clip = Bundle::built_in().unwrap().clips.remove(0);
-    let blob = AlignedBlob::new(bundle::BLOB);
+    let clip = SampleClips::built_in().unwrap().clips.remove(0);
+    let blob = AlignedBlob::new(default_model::BLOB);
     let model = Model::open(blob.bytes()).unwrap();
     let request = Request::tokens(&clip.tokens);
     let plan = Generator::new(model.clone(), &mut []).unwrap().plan(&request).unwrap();

@@ -9,7 +9,7 @@ use motionette::blob::Header;
 use motionette_host::blob::AlignedBlob;
 use motionette_host::device::{self, Client, Error, Options};
 use motionette_link::message::{Command, Event, Generate, Hello, Length, LossAction, Refusal, State};
-use motionette_sim::bundle;
+use motionette_sim::default_model;
 
 /// A server that ends with the test.
 struct Served {
@@ -141,7 +141,7 @@ fn a_new_blob_replaces_the_old_one_only_when_it_is_whole() {
     let folder = tempfile::tempdir().expect("a folder");
     let flash = folder.path().join("flash.bin");
     let arguments = ["--flash", flash.to_str().expect("a path")];
-    let blob = bundle::BLOB;
+    let blob = default_model::BLOB;
     {
         let served = Served::start(&arguments);
         let (mut client, hello) = served.host();
@@ -177,7 +177,7 @@ fn without_a_blob_nothing_moves_until_one_is_sent() {
     let (mut client, hello) = served.host();
     assert_eq!((hello.model, hello.blob), (None, None));
     assert_eq!(refused(client.request(&Command::Generate(wave(40, true)))), Refusal::NoModel);
-    client.send_blob(bundle::BLOB, &mut |_| ()).expect("a blob");
+    client.send_blob(default_model::BLOB, &mut |_| ()).expect("a blob");
     let (mut client, hello) = served.host();
     assert!(hello.model.is_some());
     // What is left open is made as a Pico 2 would.
@@ -188,7 +188,7 @@ fn without_a_blob_nothing_moves_until_one_is_sent() {
 
 /// The built-in model with another hash in its self-test: a blob in every other respect.
 fn of_other_bits() -> Vec<u8> {
-    let mut blob = bundle::BLOB.to_vec();
+    let mut blob = default_model::BLOB.to_vec();
     let model = AlignedBlob::new(&blob);
     let hash = Model::open(model.bytes()).expect("the built-in model").self_test().hash;
     let mut room = [0; 10];
@@ -214,7 +214,7 @@ fn a_model_that_makes_other_bits_than_it_says_does_not_move_the_robot() {
     }
     assert_eq!(client.status().expect("a status").device.state, State::Holding);
     // The right one is taken again.
-    client.send_blob(bundle::BLOB, &mut |_| ()).expect("the right one");
+    client.send_blob(default_model::BLOB, &mut |_| ()).expect("the right one");
     let (mut client, hello) = served.host();
     assert!(hello.model.is_some());
     assert_eq!(client.generate(&wave(40, false), &mut |_| ()).expect("a motion").frames, 40);

@@ -5,7 +5,9 @@
 //! | [`dataset`] | the one file a training run reads: joints, features, captions, splits, hashes |
 //! | [`import`] | BVH, HumanML3D arrays and the motion-capture pack into a dataset |
 //! | [`motion`] | skeleton tables, HumanML3D features from joints and back, mirroring, resampling |
+//! | [`input`] | files read whole, with an end to it |
 //! | [`output`] | files that appear whole or not at all |
+//! | [`console`] | what a program says, and whether it could be said |
 //! | [`parallel`] | work on all cores |
 //! | [`checkpoint`] | tokenizer checkpoints: MoMask, T2M-GPT and our own, from safetensors or torch containers |
 //! | [`mod@reference`] | the plain-loop reference in f32 and f64: encoder, decoder, recovery, gradients, solver |
@@ -33,11 +35,13 @@ pub mod anchors_file;
 pub mod blob;
 pub mod checkpoint;
 pub mod cli;
+pub mod console;
 pub mod convert;
 pub mod dataset;
 pub mod device;
 pub mod export;
 pub mod import;
+pub mod input;
 pub mod inspect;
 pub mod metrics;
 pub mod motion;

@@ -40,7 +40,7 @@ fn fails(folder: &Path, arguments: &[&str], words: &[&str]) {
         assert!(said.contains(word), "{word:?} not in: {said}");
     }
     let error = report(&output);
-    assert!(error["error"].is_string() && error["causes"].is_array(), "{error}");
+    common::says_each_cause_once(&error, &said);
     assert_eq!(listing(folder), before, "a rest was left behind");
 }
 
@@ -251,5 +251,140 @@ fn nonsense_arguments_have_status_two() {
     let folder = tempfile::tempdir().unwrap();
     for arguments in [&["import", "pack"][..], &["import", "bvh", "x", "-o", "y", "--split", "half"], &["dance"]] {
         assert_eq!(motionette(folder.path(), arguments).status.code(), Some(2), "{arguments:?}");
+    }
+}
+
+#[test]
+fn what_has_no_end_is_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    if !Path::new("/dev/zero").exists() {
+        return;
+    }
+    for arguments in [
+        &["inspect", "/dev/zero"][..],
+        &["plan", "/dev/zero"],
+        &["robot", "check", "/dev/zero"],
+        &["recover", "/dev/zero", "-o", "x.npy"],
+        &["convert", "/dev/zero", "-o", "x.blob"],
+        &["verify", "/dev/zero", "--checkpoint", "x", "--dataset", "y"],
+        &["import", "kimodo", "/dev/zero", "-o", "x.json"],
+    ] {
+        fails(here, &[arguments, &["--json"]].concat(), &["/dev/zero", "device"]);
+    }
+    // Longer than any blob, and nothing in it.
+    fs::File::create(here.join("huge.blob")).unwrap().set_len(5 << 30).unwrap();
+    fails(here, &["inspect", "huge.blob", "--json"], &["huge.blob", "5368709120 bytes", "at most 4294967295"]);
+}
+
+#[cfg(target_os = "linux")]
+mod on_linux {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::Stdio;
+
+    use super::*;
+
+    /// A folder with features, a recording, and a robot.
+    fn with_files() -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        write_npy(&folder.path().join("good.npy"), &[30, FEATURES], &some_features(1, 30));
+        fs::write(folder.path().join("walk.bvh"), some_bvh(61, 0.05)).unwrap();
+        folder
+    }
+
+    /// `script` in a shell, in which `$0` is the program.
+    fn shell(folder: &Path, script: &str) -> Output {
+        let program = env!("CARGO_BIN_EXE_motionette");
+        Command::new("sh").args(["-c", script, program]).current_dir(folder).output().unwrap()
+    }
+
+    #[test]
+    fn outputs_stay_what_they_are() {
+        let folder = with_files();
+        let here = folder.path();
+        let mode = |name: &str| fs::metadata(here.join(name)).unwrap().permissions().mode() & 0o777;
+        for (umask, expected) in [("077", 0o600), ("027", 0o640), ("002", 0o664)] {
+            let name = format!("{umask}.npy");
+            assert!(shell(here, &format!("umask {umask}; \"$0\" recover good.npy -o {name}")).status.success());
+            assert_eq!(mode(&name), expected, "umask {umask}");
+        }
+        let private = here.join("private.npy");
+        fs::write(&private, "old").unwrap();
+        fs::set_permissions(&private, fs::Permissions::from_mode(0o600)).unwrap();
+        std::os::unix::fs::symlink("private.npy", here.join("link.npy")).unwrap();
+        assert!(motionette(here, &["recover", "good.npy", "-o", "link.npy"]).status.success());
+        assert!(fs::symlink_metadata(here.join("link.npy")).unwrap().is_symlink());
+        assert_eq!((mode("private.npy"), npy::read(&private).unwrap().shape), (0o600, vec![30, JOINTS, 3]));
+
+        let piped =
+            shell(here, "mkfifo pipe.npy; cat pipe.npy > read.npy & \"$0\" recover good.npy -o pipe.npy && wait");
+        assert!(piped.status.success(), "{piped:?}");
+        assert!(fs::metadata(here.join("pipe.npy")).unwrap().file_type().is_fifo());
+        assert_eq!(fs::read(here.join("read.npy")).unwrap(), fs::read(&private).unwrap());
+    }
+
+    #[test]
+    fn every_write_that_fails_is_reported() {
+        let folder = with_files();
+        let here = folder.path();
+        fails(here, &["recover", "good.npy", "-o", "/dev/full", "--json"], &["/dev/full", "No space left", "hint: "]);
+        assert!(fs::symlink_metadata("/dev/full").unwrap().file_type().is_char_device());
+        for script in ["\"$0\" robot presets > /dev/full", "\"$0\" robot presets --json > /dev/full"] {
+            let output = shell(here, script);
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(1), "{script}: {said}");
+            assert!(said.contains("standard output") && said.contains("No space left"), "{said}");
+        }
+        // Whoever reads the output may have enough of it.
+        let mut child = Command::new(env!("CARGO_BIN_EXE_motionette"))
+            .args(["robot", "show", "desk", "--json"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        assert!(child.wait().unwrap().success());
+    }
+
+    #[test]
+    fn a_killed_import_leaves_nothing_at_its_next_run() {
+        let folder = with_files();
+        let here = folder.path();
+        fs::create_dir(here.join("made")).unwrap();
+        // Beyond so many blocks of a file the system kills whoever writes.
+        let killed = shell(here, "ulimit -f 8; exec \"$0\" import bvh walk.bvh -o made/set.mds");
+        assert!(killed.status.signal().is_some(), "{killed:?}");
+        let left = listing(&here.join("made"));
+        assert!(left.len() == 1 && left[0].ends_with(".tmp"), "{left:?}");
+        assert!(motionette(here, &["import", "bvh", "walk.bvh", "-o", "made/set.mds"]).status.success());
+        assert_eq!(listing(&here.join("made")), ["set.mds"]);
+    }
+
+    #[test]
+    fn paths_need_not_be_unicode() {
+        let folder = with_files();
+        let here = folder.path();
+        let commands: [&[&str]; 4] = [
+            &["recover", "good.npy"],
+            &["import", "bvh", "walk.bvh"],
+            &["robot", "pack", "desk"],
+            &["export", "--bvh", "walk.bvh", "--format", "bvh"],
+        ];
+        for (index, arguments) in commands.into_iter().enumerate() {
+            let name = [b"caf\xe9-", index.to_string().as_bytes()].concat();
+            let output = Command::new(env!("CARGO_BIN_EXE_motionette"))
+                .args(arguments)
+                .arg("-o")
+                .arg(OsStr::from_bytes(&name))
+                .arg("--json")
+                .current_dir(here)
+                .output()
+                .unwrap();
+            assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+            assert!(report(&output).to_string().contains("caf\u{fffd}-"), "{output:?}");
+            assert!(here.join(OsStr::from_bytes(&name)).is_file(), "{arguments:?}");
+        }
     }
 }

@@ -213,6 +213,67 @@ fn generate_is_the_reference_in_integers_and_says_what_it_did_not_see() {
 }
 
 #[test]
+fn a_blob_that_can_less_takes_another_s_place_with_a_warning() {
+    let bench = bench();
+    let made = |line: &str| {
+        let output = bench.run(&line.split_whitespace().collect::<Vec<_>>());
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        (list(&report(&output)["lost"]), text)
+    };
+    let parts = "convert t.safetensors --prior p.prior.safetensors";
+    let whole = format!("{parts} --control c.control.safetensors --bank bank.txt -o o.blob");
+    let (lost, text) = made(&whole);
+    assert!(lost.is_empty() && !text.contains("warning"), "{text}");
+    for (line, expected) in [
+        (whole.clone(), &[][..]),
+        (format!("{parts} --bank bank.txt -o o.blob"), &["anchor control"]),
+        (format!("{parts} --control c.control.safetensors -o o.blob"), &["the stored prompts wave, fly"]),
+        (
+            format!("{parts} --control body.control.safetensors --bank bank.txt --no-text-encoder -o o.blob"),
+            &["a text encoder", "anchor control for Root-3D", "anchor control for Planar-root"],
+        ),
+        (
+            "convert t.safetensors -o o.blob".to_owned(),
+            &["a planner", "a text encoder", "the stored prompts wave, fly", "anchor control"],
+        ),
+    ] {
+        let (lost, text) = made(&line);
+        assert_eq!(lost, expected, "{line}");
+        assert_eq!(text.contains("warning: o.blob is replaced by a blob that can do less"), !lost.is_empty(), "{text}");
+        made(&whole);
+    }
+    bench.write("o.blob", b"no blob at all");
+    assert!(made("convert t.safetensors -o o.blob").0.is_empty());
+}
+
+#[test]
+fn many_equal_anchors_are_one_and_many_others_too_many() {
+    let bench = bench();
+    let file = |anchors: &[String]| format!("{{\"anchors\": [{}]}}", anchors.join(","));
+    let one = |x: f64| format!("{{\"frame\": 20, \"joint\": \"head\", \"position\": [{x}, 1.5, 0.25]}}");
+    bench.write("one.json", file(&[one(0.5)]).as_bytes());
+    bench.write("equal.json", file(&vec![one(0.5); 100_000]).as_bytes());
+    let make = |anchors: &str| {
+        let line = format!("generate --blob c.blob --text person --anchors {anchors} -o m.bvh");
+        let made = bench.succeeds(&line);
+        (made["hash"].clone(), made["arena_bytes"].clone(), made["anchors"].clone(), made["seed"].clone())
+    };
+    assert_eq!(make("equal.json"), make("one.json"));
+    assert_eq!(make("one.json").3, 1, "the demo's seed");
+    let many: Vec<String> = (0..40).map(|frame| format!("{{\"frame\": {frame}, \"root\": [0, 1, 0]}}")).collect();
+    bench.write("many.json", file(&many).as_bytes());
+    let arguments = ["generate", "--blob", "c.blob", "--text", "person", "--anchors", "many.json", "-o", "x"];
+    bench.fails(&arguments, &["checking the anchors", "40 anchors given, at most 32"]);
+
+    bench.write("far.json", file(&[one(0.5), one(0.5).replace("20", "60").replace("0.25", "250")]).as_bytes());
+    let output =
+        bench.run(&["generate", "--blob", "c.blob", "--text", "person", "--anchors", "far.json", "-o", "m.bvh"]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success() && text.contains("warning: anchor 1 lies 230."), "{text}");
+}
+
+#[test]
 fn verify_compares_the_planners_with_anchors() {
     let bench = bench();
     bench.dataset();

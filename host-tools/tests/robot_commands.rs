@@ -365,6 +365,12 @@ fn the_program_shows_checks_packs_and_tries_robots() {
     assert_eq!(robot_file::read(&bench.path("desk.bin")).expect("packed"), robot);
     bench.write("good.toml", PRESETS[1].text.as_bytes());
     assert_eq!(bench.succeeds("robot check good.toml")["channels"], 8);
+    assert_eq!(bench.succeeds("robot check desk")["channels"], 8);
+    let shown = bench.run(&["robot", "show", "good.toml", "--toml"]);
+    assert!(String::from_utf8_lossy(&shown.stdout).starts_with(text));
+    bench.fails(&["robot", "show", "desk.bin", "--toml"], &["desk.bin is a packed robot"]);
+    bench.write("notes.txt", b"a robot\n= of [ mine {\n\"has\n\tthree ) legs, and\n[[ no = toml ]\n'");
+    bench.fails(&["robot", "check", "notes.txt"], &["notes.txt has 1 problem\n", "notes.txt:1: this is no TOML"]);
     bench.write("bad.toml", PRESETS[1].text.replace("id = 8", "id = 7").replace("\"neck\"", "\"nek\"").as_bytes());
     bench.fails(
         &["robot", "check", "bad.toml"],

@@ -4,7 +4,7 @@ pub mod fuzz;
 pub mod naive;
 pub mod naive_prior;
 pub mod naive_scaffold;
-pub mod standard;
+pub mod standard_request;
 pub mod tiny;
 
 use std::path::PathBuf;

@@ -13,7 +13,7 @@ use motionette::planning;
 use motionette::refining::{Activity, Basis, Config};
 use motionette::{Generator, Length, Model, MotionStream, Request, StreamLimits};
 use motionette_host::blob::BlobFile;
-use motionette_sim::bundle::Bundle;
+use motionette_sim::sample_clips::SampleClips;
 use motionette_sim::{source, twin};
 use motionette_tests::fuzz;
 
@@ -68,7 +68,7 @@ fn refinements(model: &Model<'_>, hashes: &mut Hashes) {
 }
 
 fn twins(model: &Model<'_>, hashes: &mut Hashes) {
-    let bundle = Bundle::built_in().expect("the bundle reads");
+    let bundle = SampleClips::built_in().expect("the bundle reads");
     let recorded: Vec<&[u16]> = bundle.clips.iter().map(|clip| clip.tokens.as_slice()).collect();
     with_generator(model, |generator| {
         for index in 0..twin::REQUESTS {
@@ -87,7 +87,7 @@ fn drain(stream: &mut MotionStream<'_, '_>, mut hash: Fnv) -> Fnv {
 }
 
 fn streams(model: &Model<'_>, hashes: &mut Hashes) {
-    let bundle = Bundle::built_in().expect("the bundle reads");
+    let bundle = SampleClips::built_in().expect("the bundle reads");
     let planning = planning::Limits { words: 16, steps: 3, guided: true, anchors: false };
     with_generator(model, |generator| {
         let limits = StreamLimits { tokens: 24, planning: Some(planning), rows: 8 };

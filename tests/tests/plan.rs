@@ -14,7 +14,7 @@ use motionette::{
 };
 use motionette_host::blob::BlobFile;
 use motionette_tests::fuzz;
-use motionette_tests::standard;
+use motionette_tests::standard_request;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 
 /// What memory holds before.
@@ -323,7 +323,7 @@ fn plans_bound_bytes_and_multiply_accumulates() {
     assert_eq!(seen.requests, 200);
     assert!(seen.planned > 50 && seen.refined > 50 && seen.conditioned > 5 && seen.segments > 20, "{seen:?}");
 
-    let counted = standard::count(&nano).expect("the standard request");
+    let counted = standard_request::count(&nano).expect("the standard request");
     let ratio = counted.planned() as f64 / counted.macs as f64;
     println!("standard request: {} planned, {} counted: {ratio:.4}", counted.planned(), counted.macs);
     assert!((1.0..=1.1).contains(&ratio), "{counted:?}");

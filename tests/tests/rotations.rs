@@ -11,7 +11,7 @@ use motionette_host::motion::features::ROTATIONS;
 use motionette_host::motion::quaternion as q;
 use motionette_host::motion::skeleton::{CHAINS, REST_DIRECTIONS};
 use motionette_host::reference::Decoder;
-use motionette_sim::bundle::Bundle;
+use motionette_sim::sample_clips::SampleClips;
 
 /// Bone directions of each frame that the reference's rotations say, by the joint at their end.
 fn directions(features: &[f64], yaw: &mut f64) -> [[f64; 3]; 22] {
@@ -35,7 +35,7 @@ fn rotations_are_those_of_the_reference() {
     let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models");
     let blob = BlobFile::open(&models.join("nano.blob")).unwrap();
     let model = blob.model().unwrap();
-    let tokens = Bundle::built_in().unwrap().clips.remove(0).tokens;
+    let tokens = SampleClips::built_in().unwrap().clips.remove(0).tokens;
     let mut arena = vec![0u128; 40_000];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).unwrap();
     let motion = generator.generate(&Request::tokens(&tokens), &mut ()).unwrap();

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 
 use motionette::{Generator, Model};
 use motionette_host::blob::BlobFile;
-use motionette_sim::bundle::Bundle;
+use motionette_sim::sample_clips::SampleClips;
 use motionette_sim::twin::{self, Digest};
 
 const PAINT: u8 = 0xA5;
@@ -33,8 +33,8 @@ fn painted(model: &Model<'_>, index: usize, recorded: &[&[u16]]) -> (Digest, usi
 fn painted_high_water_is_what_the_request_says_it_took() {
     let file = model();
     let model = file.model().expect("opened before");
-    let bundle = Bundle::built_in().expect("the bundle reads");
-    let recorded: Vec<&[u16]> = bundle.clips.iter().map(|clip| clip.tokens.as_slice()).collect();
+    let samples = SampleClips::built_in().expect("the clips are read");
+    let recorded: Vec<&[u16]> = samples.clips.iter().map(|clip| clip.tokens.as_slice()).collect();
     let fresh: Vec<Digest> = (0..twin::REQUESTS)
         .map(|index| {
             let (digest, touched) = painted(&model, index, &recorded);

@@ -3,7 +3,14 @@
 //! On Debian missing tools are installed with apt-get, announced first. Elsewhere the commands to type are printed and the
 //! check fails: it never passes without its tool.
 
-use std::{env, path::Path, process::Command};
+use std::{
+    env,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Command, Stdio},
+    thread,
+    time::Duration,
+};
 
 use anyhow::{Context, Result, bail};
 
@@ -53,6 +60,11 @@ pub const LLD: Tool = Tool {
     package: "lld",
     elsewhere: "Fedora: sudo dnf install lld | Arch: sudo pacman -S lld | macOS: brew install lld",
 };
+
+/// How often and how long apt-get waits for another package manager: up to twenty minutes, as long as an upgrade may take.
+const PATIENCE: (u32, Duration) = (120, Duration::from_secs(10));
+/// What apt-get says when another one is at work.
+const LOCKED: [&str; 2] = ["Could not get lock", "Unable to lock"];
 
 /// Makes sure that every tool in `tools` is there.
 ///
@@ -115,17 +127,47 @@ pub fn apt_install(packages: &[&str]) -> Result<()> {
     let apt = |arguments: &[&str]| {
         let mut command = Command::new(if root { "apt-get" } else { "sudo" });
         if root {
-            command.env("DEBIAN_FRONTEND", "noninteractive");
+            command.envs([("DEBIAN_FRONTEND", "noninteractive"), ("LC_ALL", "C")]);
         } else {
-            command.args(["env", "DEBIAN_FRONTEND=noninteractive", "apt-get"]);
+            command.args(["env", "DEBIAN_FRONTEND=noninteractive", "LC_ALL=C", "apt-get"]);
         }
-        command.args(arguments);
+        // For dpkg's lock apt-get waits by itself.
+        command.args(["-o", "DPkg::Lock::Timeout=600"]).args(arguments);
         command
     };
     announce(&format!("installing Debian packages with apt-get: {list}"));
-    shell::run(&mut apt(&["update"])).with_context(|| format!("by hand:\n  {by_hand}"))?;
-    let install = ["install", "--yes", "--no-install-recommends"];
-    shell::run(apt(&install).args(packages)).with_context(|| format!("by hand:\n  {by_hand}"))
+    let install = [&["install", "--yes", "--no-install-recommends"], packages].concat();
+    for arguments in [&["update"][..], &install] {
+        let (tries, pause) = PATIENCE;
+        run_when_free(|| apt(arguments), tries, pause).with_context(|| format!("by hand:\n  {by_hand}"))?;
+    }
+    Ok(())
+}
+
+/// Runs a command of the package manager; as long as another one holds a lock, again after a `pause`, `tries` times at most.
+fn run_when_free(command: impl Fn() -> Command, tries: u32, pause: Duration) -> Result<()> {
+    let shown = shell::display(&command());
+    shell::announce(&command());
+    let mut left = tries;
+    loop {
+        let mut child = command().stderr(Stdio::piped()).spawn().with_context(|| format!("cannot start `{shown}`"))?;
+        let mut locked = false;
+        for line in child.stderr.take().into_iter().flat_map(|stderr| BufReader::new(stderr).split(b'\n')) {
+            let line = String::from_utf8_lossy(&line?).into_owned();
+            eprintln!("{line}");
+            locked |= LOCKED.iter().any(|said| line.contains(said));
+        }
+        let status = child.wait()?;
+        if status.success() {
+            return Ok(());
+        }
+        left = left.saturating_sub(1);
+        if !locked || left == 0 {
+            bail!("`{shown}` ended with {status}");
+        }
+        announce(&format!("another package manager is at work: waiting for it, {} s at a time", pause.as_secs()));
+        thread::sleep(pause);
+    }
 }
 
 /// Tells what is about to be changed on the machine.
@@ -136,4 +178,37 @@ pub fn announce(what: &str) {
 /// Value of an environment variable, if it is set and not empty.
 pub fn variable(name: &str) -> Option<String> {
     env::var(name).ok().filter(|value| !value.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Counts how often it was started in `file`; fails with `words` until it was `count` times.
+    fn busy(file: &Path, words: &str, count: u32) -> Command {
+        let mut shell = Command::new("sh");
+        let script =
+            format!("echo x >> \"$1\"; [ $(wc -l < \"$1\") -ge {count} ] || {{ echo '{words}' >&2; exit 100; }}");
+        shell.args(["-c", &script, "sh"]).arg(file);
+        shell
+    }
+
+    #[test]
+    fn a_lock_is_waited_for_and_nothing_else() {
+        let folder = env::temp_dir().join(format!("motionette-xtask-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let locked = "E: Could not get lock /var/lib/apt/lists/lock. It is held by process 7 (apt-get)";
+        for (name, words, tries, succeeds, started) in [
+            ("free-again", locked, 5, true, 3),
+            ("never-free", locked, 2, false, 2),
+            ("no-network", "E: Temporary failure resolving 'deb.example'", 5, false, 1),
+        ] {
+            let file = folder.join(name);
+            let result = run_when_free(|| busy(&file, words, 3), tries, Duration::ZERO);
+            assert_eq!(result.is_ok(), succeeds, "{name}: {result:?}");
+            let starts = std::fs::read_to_string(&file).expect("counted").lines().count();
+            assert_eq!(starts, started, "{name}");
+        }
+        std::fs::remove_dir_all(&folder).expect("removed");
+    }
 }

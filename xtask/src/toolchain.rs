@@ -60,7 +60,8 @@ impl Toolchain {
         }
     }
 
-    /// `cargo SUBCOMMAND` for a bare-metal `target`, without a working directory.
+    /// `cargo SUBCOMMAND` for a bare-metal `target`, without a working directory. A warning in our own crates is an error, as on the
+    /// desktop: clippy sees each image's features on one core only.
     pub fn cargo(self, subcommand: &str, target: &str) -> Command {
         let mut command = match (self, subcommand) {
             (Self::Native, _) => shell::cargo(),
@@ -79,6 +80,8 @@ impl Toolchain {
         }
         // The image has its own build folder; the caller's must not be mixed into it.
         command.env_remove("CARGO_TARGET_DIR").args(["--target", target]);
+        // Joined with what a package's `.cargo/config.toml` says of the target, which RUSTFLAGS would replace.
+        command.arg("--config").arg(format!(r#"target.{target}.rustflags=["--deny=warnings"]"#));
         command
     }
 

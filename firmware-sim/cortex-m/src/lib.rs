@@ -4,8 +4,8 @@
 pub mod stack;
 
 #[cfg(feature = "bench")]
-#[path = "../../src/standard.rs"]
-pub mod standard;
+#[path = "../../src/standard_request.rs"]
+pub mod standard_request;
 
 #[cfg(feature = "twin")]
 #[path = "../../src/twin.rs"]

@@ -14,7 +14,8 @@ use motionette_host::robot_file;
 use super::faults::{Fault, Kind};
 use super::hardware::Boot;
 use super::simulation::{Event, Horns, Run, Scenario, run};
-use crate::bundle::{self, Bundle};
+use crate::default_model;
+use crate::sample_clips::SampleClips;
 
 /// Horns may be faster than their limits by so much: motors follow, they do not obey.
 const TOLERANCE: f64 = 1.05;
@@ -246,8 +247,8 @@ impl fmt::Display for Figures {
 /// # Errors
 /// When the built-in bundle or blob is damaged.
 pub fn motion() -> Result<Vec<Pose>> {
-    let clip = Bundle::built_in()?.clips.into_iter().next().context("the bundle is empty")?;
-    let blob = AlignedBlob::new(bundle::BLOB);
+    let clip = SampleClips::built_in()?.clips.into_iter().next().context("the bundle is empty")?;
+    let blob = AlignedBlob::new(default_model::BLOB);
     let model = Model::open(blob.bytes())?;
     let request = Request::tokens(&clip.tokens);
     let plan = Generator::new(model.clone(), &mut [])?.plan(&request)?;

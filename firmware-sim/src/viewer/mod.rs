@@ -3,6 +3,9 @@
 //! Why not three.js: a skeleton of 22 lines needs a projection and a canvas, and the file opens without a network.
 //! Once meshes are shown, that library is less work than this.
 
+#[cfg(test)]
+mod contrast;
+
 use crate::intervals::Interval;
 use crate::report::AnchorErrors;
 use crate::robot::ShownRobot;
@@ -14,11 +17,12 @@ use serde::Serialize;
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/style.css");
 /// Scripts in the order in which they build on one another.
-const SCRIPTS: [&str; 9] = [
+const SCRIPTS: [&str; 10] = [
     include_str!("page/scene.js"),
     include_str!("page/camera.js"),
     include_str!("page/body.js"),
     include_str!("page/stage.js"),
+    include_str!("page/labels.js"),
     include_str!("page/chart.js"),
     include_str!("page/tokens.js"),
     include_str!("page/intervals.js"),

@@ -22,6 +22,7 @@
 
 mod entry;
 mod error;
+mod reach;
 #[cfg(test)]
 mod tests;
 
@@ -32,10 +33,12 @@ use motionette::request::conditions::{AnchorError, AnchorSet};
 use motionette::{Anchor, Joint, Target};
 use serde::Deserialize;
 
+use crate::input;
 use crate::motion::skeleton;
 use crate::output;
 use entry::Entry;
 pub use error::Error;
+pub use reach::{OutOfReach, out_of_reach};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -48,7 +51,8 @@ struct File {
 /// # Errors
 /// [`Error::Read`] when the file cannot be read, else as [`parse`].
 pub fn read(path: &Path) -> Result<Vec<Anchor>, Error> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let text =
+        input::read_text(path, input::WRITTEN).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     parse(&text)
 }
 
@@ -89,6 +93,19 @@ pub fn check(anchors: &[Anchor], frames: usize) -> Result<(), Error> {
         }
         error => Error::Refused(error),
     })
+}
+
+/// The anchors without repetitions, in their order. A request takes as much memory and work as it has anchors, and says no more with one
+/// given twice.
+#[must_use]
+pub fn distinct(anchors: &[Anchor]) -> Vec<Anchor> {
+    let mut kept: Vec<Anchor> = Vec::new();
+    for anchor in anchors {
+        if !kept.contains(anchor) {
+            kept.push(*anchor);
+        }
+    }
+    kept
 }
 
 /// Writes anchors as a file that [`read`] gives back bit for bit: one anchor a line, `frame` rather than `time`.

@@ -137,3 +137,41 @@ fn what_the_file_cannot_hold_is_refused_and_nothing_is_left() {
     let missing = read(&path).expect_err("no such file");
     assert!(matches!(&missing, Error::Read { .. }) && missing.to_string().contains("anchors.json"), "{missing}");
 }
+
+#[test]
+fn repeated_anchors_count_once() {
+    let (a, b) = (Anchor::root(10, [0.0, 0.9, 0.5]), Anchor::joint(30, 21, [0.3, 1.2, 0.9]));
+    let many: Vec<Anchor> = [a, b].into_iter().cycle().take(100_000).collect();
+    check(&many, 40).expect("two distinct ones");
+    assert_eq!(distinct(&many), [a, b]);
+    assert_eq!(out_of_reach(&many), []);
+    assert_eq!(distinct(&[]), []);
+}
+
+#[test]
+fn what_a_body_cannot_reach_is_said_with_distance_and_time() {
+    // A person who walks, reaches up, turns back, jumps.
+    let fine = [
+        Anchor::planar_root(40, [0.3, 2.2]),
+        Anchor::joint(0, 21, [-0.6, 2.1, 0.3]),
+        Anchor::root(99, [1.1, 0.92, 5.4]),
+        Anchor::root(139, [0.0, 1.3, 0.0]),
+        Anchor::joint(139, 10, [0.0, 0.0, 0.1]),
+    ];
+    assert_eq!(out_of_reach(&fine), []);
+    // Millimetres for metres, and one metre-anchor after it that is blameless.
+    let far = [Anchor::root(40, [300.0, 0.9, 400.0]), fine[2], Anchor::joint(60, 15, [0.0, 7.3, 0.0])];
+    let found = out_of_reach(&far);
+    assert_eq!(found.iter().map(|far| (far.index, far.from)).collect::<Vec<_>>(), [(0, None), (2, None)]);
+    // 500 m off, of which 2 s of running are 16 m and 0.5 m are allowed.
+    assert!((found[0].beyond - 483.5).abs() < 1e-4 && found[0].seconds == 2.0, "{found:?}");
+    assert!((found[1].beyond - 4.0).abs() < 1e-4, "{found:?}");
+    let said = found[0].to_string();
+    assert!(said.starts_with("anchor 0 lies 483.5 m beyond what a body can reach in 2.00 s from the start"), "{said}");
+    // Ten metres in a twentieth of a second, given in any order.
+    let leap = [Anchor::root(41, [10.0, 0.9, 0.5]), Anchor::root(40, [0.0, 0.9, 0.5])];
+    let [far] = out_of_reach(&leap)[..] else { panic!("one of the two") };
+    assert_eq!((far.index, far.from), (0, Some(1)));
+    assert!((far.beyond - 9.1).abs() < 1e-4, "{far:?}");
+    assert!(far.to_string().contains("in 0.05 s from anchor 1"), "{far}");
+}

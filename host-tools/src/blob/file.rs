@@ -10,6 +10,10 @@ use super::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::anchors::Family;
 use crate::checkpoint::prior::PartMut;
 use crate::checkpoint::{self, ControlCheckpoint, PriorCheckpoint};
+use crate::input;
+
+/// Bytes of a blob at most: its length has 32 bits.
+const LARGEST: u64 = u32::MAX as u64;
 
 /// What the names of the anchor control's tensors begin with.
 const CONTROL: &str = "control.";
@@ -65,7 +69,7 @@ impl BlobFile {
     /// # Errors
     /// [`Error`], with the path.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        let bytes = input::read(path, LARGEST).map_err(|source| Error::Io { path: path.to_owned(), source })?;
         Self::new(AlignedBlob::new(&bytes), path)
     }
 

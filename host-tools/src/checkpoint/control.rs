@@ -16,6 +16,7 @@ use super::prior::{
 };
 use super::tensors::TensorMap;
 use super::tokenizer::TokenizerCheckpoint;
+use crate::input;
 
 /// Value of `format` in the metadata.
 pub const FORMAT: &str = "motionette-control";
@@ -146,11 +147,21 @@ pub struct ControlCheckpoint {
 /// # Errors
 /// [`Error`] with the path and what is wrong.
 pub fn load(path: &Path) -> core::result::Result<ControlCheckpoint, Error> {
-    let read = || -> Result<ControlCheckpoint> {
-        let (map, config) = super::of_format(&std::fs::read(path)?, FORMAT, VERSION)?;
-        ControlCheckpoint::build(&map, ControlConfig::from_json(&config)?)
-    };
+    let read = || of_bytes(&input::read(path, input::ANY)?);
     read().map_err(|kind| Error { path: path.to_owned(), kind })
+}
+
+/// Reads one that is in memory; errors call it `name`.
+///
+/// # Errors
+/// As [`load`].
+pub fn from_bytes(bytes: &[u8], name: &str) -> core::result::Result<ControlCheckpoint, Error> {
+    of_bytes(bytes).map_err(|kind| Error { path: name.into(), kind })
+}
+
+fn of_bytes(bytes: &[u8]) -> Result<ControlCheckpoint> {
+    let (map, config) = super::of_format(bytes, FORMAT, VERSION)?;
+    ControlCheckpoint::build(&map, ControlConfig::from_json(&config)?)
 }
 
 impl ControlCheckpoint {

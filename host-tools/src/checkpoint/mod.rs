@@ -30,6 +30,7 @@ pub use prior::{PriorCheckpoint, PriorConfig};
 pub use tensors::{Tensor, TensorMap};
 pub use tokenizer::{Conv1d, Decoder, DecoderStage, Encoder, EncoderStage, ResBlock, Statistics, TokenizerCheckpoint};
 
+use crate::input;
 use error::Result;
 use options::Options;
 
@@ -57,17 +58,28 @@ pub fn load(path: &Path) -> core::result::Result<TokenizerCheckpoint, Error> {
 /// # Errors
 /// [`Error`] with the path and what is wrong.
 pub fn load_with(path: &Path, companions: &Companions) -> core::result::Result<TokenizerCheckpoint, Error> {
-    let read = || -> Result<TokenizerCheckpoint> {
-        let bytes = std::fs::read(path)?;
-        let (map, metadata) = tensors_of(&bytes)?;
-        let config = configuration(path, &map, &metadata, companions)?;
-        let mut checkpoint = TokenizerCheckpoint::build(&map, config)?;
-        if checkpoint.statistics.is_none() {
-            checkpoint.statistics = statistics(path, companions, checkpoint.config.features)?;
-        }
-        Ok(checkpoint)
-    };
+    let read = || tokenizer_of(&input::read(path, input::ANY)?, path, companions);
     read().map_err(|kind| Error { path: path.to_owned(), kind })
+}
+
+/// Reads a tokenizer checkpoint of our own, which needs no companions, that is in memory; errors call it `name`.
+///
+/// # Errors
+/// [`Error`] with the name and what is wrong.
+pub fn from_bytes(bytes: &[u8], name: &str) -> core::result::Result<TokenizerCheckpoint, Error> {
+    let path = Path::new(name);
+    tokenizer_of(bytes, path, &Companions::default()).map_err(|kind| Error { path: path.to_owned(), kind })
+}
+
+/// The checkpoint in `bytes`, whose companions lie beside `path` where none are given.
+fn tokenizer_of(bytes: &[u8], path: &Path, companions: &Companions) -> Result<TokenizerCheckpoint> {
+    let (map, metadata) = tensors_of(bytes)?;
+    let config = configuration(path, &map, &metadata, companions)?;
+    let mut checkpoint = TokenizerCheckpoint::build(&map, config)?;
+    if checkpoint.statistics.is_none() {
+        checkpoint.statistics = statistics(path, companions, checkpoint.config.features)?;
+    }
+    Ok(checkpoint)
 }
 
 /// SHA-256 of a file, hex: how a blob names the checkpoint it came from.
@@ -76,7 +88,7 @@ pub fn load_with(path: &Path, companions: &Companions) -> core::result::Result<T
 /// [`Error`] when the file cannot be read.
 pub fn file_hash(path: &Path) -> core::result::Result<String, Error> {
     use sha2::{Digest, Sha256};
-    let bytes = std::fs::read(path).map_err(|e| Error { path: path.to_owned(), kind: e.into() })?;
+    let bytes = input::read(path, input::ANY).map_err(|e| Error { path: path.to_owned(), kind: e.into() })?;
     Ok(Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect())
 }
 
@@ -125,7 +137,7 @@ fn configuration(
     let source = if map.names().any(|n| n.starts_with("vqvae.")) { Source::T2mGpt } else { Source::Momask };
     let usual = if source == Source::T2mGpt { "t2mgpt_args.json" } else { "opt.txt" };
     let file = companions.options.clone().unwrap_or_else(|| path.with_file_name(usual));
-    let text = std::fs::read_to_string(&file).map_err(|e| ErrorKind::Companion {
+    let text = input::read_text(&file, input::WRITTEN).map_err(|e| ErrorKind::Companion {
         what: "option file",
         path: file,
         reason: format!("cannot be read ({e}); give it with --options"),
@@ -147,7 +159,7 @@ fn statistics(path: &Path, companions: &Companions, features: usize) -> Result<O
 /// A vector of `features` finite numbers from a `.npy` file of f64 or f32.
 fn vector(path: &Path, what: &'static str, features: usize) -> Result<Vec<f64>> {
     let bad = |reason: String| ErrorKind::Companion { what, path: path.to_owned(), reason };
-    let bytes = std::fs::read(path).map_err(|e| bad(format!("cannot be read ({e})")))?;
+    let bytes = input::read(path, input::ANY).map_err(|e| bad(format!("cannot be read ({e})")))?;
     let npy = |bytes| npyz::NpyFile::new(bytes).map_err(|e| bad(format!("is not a .npy file ({e})")));
     let file = npy(&bytes[..])?;
     if file.shape() != [features as u64] {

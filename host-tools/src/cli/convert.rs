@@ -11,7 +11,7 @@ use motionette::blob::{MAJOR, MINOR};
 use serde_json::{Value, json};
 
 use super::model::{CheckpointFiles, grouped};
-use super::{bar, say};
+use super::{bar, capabilities, say};
 use crate::checkpoint::{PriorCheckpoint, control, prior};
 use crate::convert::{self, CardText, Options, PriorSource, Rounding, bank, calibration, lift};
 use crate::dataset::{Dataset, Split, captioned};
@@ -30,7 +30,8 @@ use crate::reference::Prior;
 /// A blob of format 3 in place of the checkpoint becomes one of format 4 with the same weights, whose hash is printed for both; nothing
 /// but -o goes with it: motionette convert old.blob -o new.blob
 ///
-/// Example: motionette convert nano.safetensors --prior nano.prior.safetensors --calibration data/pack.mds -o nano.blob
+/// Example: motionette convert nano.safetensors --prior nano.prior.safetensors --control nano.control.safetensors --calibration
+/// data/pack.mds -o out/nano.blob
 #[derive(Debug, Args)]
 pub(super) struct Cmd {
     /// The checkpoint, or a blob of format 3.
@@ -167,11 +168,17 @@ impl Cmd {
         })?;
         progress.finish_and_clear();
         let bytes = conversion.blob.bytes();
+        let lost = capabilities::lost(&self.output, bytes)?;
+        if !lost.is_empty() {
+            let (path, lost) = (self.output.display(), lost.join(", "));
+            say(&format!("warning: {path} is replaced by a blob that can do less; the one before had {lost}"));
+        }
         write_atomic(&self.output, |w| w.write_all(bytes)).context("writing the blob")?;
         say(&format!("{} bytes to {}", grouped(bytes.len() as u64), self.output.display()));
         Ok(json!({
-            "output": self.output,
+            "output": super::shown(&self.output),
             "bytes": bytes.len(),
+            "lost": lost,
             "layers": conversion.layers.len(),
             "words": prior.as_ref().filter(|_| !self.no_text_encoder).map(|p| p.config.vocabulary.len()),
             "bank": bank.iter().map(|e| &e.name).collect::<Vec<_>>(),

@@ -8,7 +8,7 @@ use motionette::Anchor;
 use motionette::playback::Robot;
 use serde_json::{Value, json};
 
-use super::making::Making;
+use super::generate_args::GenerateArgs;
 use super::say;
 use crate::export::{glb, servo, write_bvh};
 use crate::motion::{FPS, Pose};
@@ -43,7 +43,7 @@ pub(super) struct Cmd {
 #[derive(Debug, Args)]
 pub(super) struct Source {
     #[command(flatten)]
-    making: Making,
+    args: GenerateArgs,
     /// A recording to read instead of making a motion; brought to 20 frames a second.
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "blob", "seconds", "seed", "steps", "schedule", "guidance", "sampling", "temperature", "top_k", "top_p", "unconditioned"
@@ -80,11 +80,11 @@ impl Source {
     /// Makes or reads the motion.
     pub fn motion(&self) -> Result<Moved> {
         let Some(path) = &self.bvh else {
-            let made = self.making.make()?;
+            let made = self.args.make()?;
             return Ok(Moved { frames: made.frames, frame_rate: made.frame_rate, anchors: made.anchors });
         };
         let frames = import::bvh::load(path, None)?.joints;
-        let anchors = self.making.anchors()?;
+        let anchors = self.args.anchors()?;
         anchors_file::check(&anchors, frames.len()).context("checking the anchors")?;
         Ok(Moved { frames, frame_rate: FPS as u16, anchors })
     }
@@ -133,7 +133,7 @@ impl Cmd {
         let centimetres = |metres: f64| 100.0 * metres;
         let control = metrics::control_error(frames, anchors).map(centimetres);
         let mut report = json!({
-            "outputs": self.outputs,
+            "outputs": self.outputs.iter().map(|path| super::shown(path)).collect::<Vec<_>>(),
             "frames": frames.len(),
             "seconds": seconds,
             "anchors": anchors.len(),

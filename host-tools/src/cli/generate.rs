@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use clap::{ArgGroup, Args};
 use serde_json::{Value, json};
 
-use super::making::Making;
+use super::generate_args::GenerateArgs;
 use super::model::grouped;
 use super::say;
 use crate::export::bvh;
@@ -21,7 +21,7 @@ use crate::output::write_atomic;
 #[command(group(ArgGroup::new("model").required(true).args(["blob"])))]
 pub(super) struct Cmd {
     #[command(flatten)]
-    making: Making,
+    args: GenerateArgs,
     /// The motion to write, BVH.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -29,8 +29,8 @@ pub(super) struct Cmd {
 
 impl Cmd {
     pub(super) fn run(self) -> Result<Value> {
-        let Making { text, prompt, seed, steps, guidance, .. } = &self.making;
-        let made = self.making.make()?;
+        let GenerateArgs { text, prompt, seed, steps, guidance, .. } = &self.args;
+        let made = self.args.make()?;
         let (joints, rate) = (&made.frames, f64::from(made.frame_rate));
         write_atomic(&self.output, |w| bvh::write_bvh(joints, 1.0 / rate, w)).context("writing the motion")?;
         let seconds = joints.len() as f64 / rate;
@@ -53,7 +53,7 @@ impl Cmd {
             grouped(made.arena_used as u64)
         ));
         Ok(json!({
-            "output": self.output,
+            "output": super::shown(&self.output),
             "prompt": text.as_ref().or(prompt.as_ref()),
             "words": made.words[0],
             "unknown_words": made.words[1],

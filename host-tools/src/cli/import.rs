@@ -164,7 +164,7 @@ impl Kimodo {
         anchors_file::write(&self.output, &imported.anchors)?;
         say(&format!("{}: {} anchors", self.output.display(), imported.anchors.len()));
         Ok(json!({
-            "output": self.output,
+            "output": super::shown(&self.output),
             "anchors": imported.anchors.len(),
             "merged": imported.merged,
             "left_out": imported.left_out,
@@ -229,7 +229,7 @@ impl Common {
         say(&format!("{:16} {:6} clips {:8} frames {:6} captions", "total", total.clips, total.frames, total.captions));
         say(&format!("{} (hash {})", self.output.display(), dataset.hash));
         Ok(json!({
-            "output": self.output,
+            "output": super::shown(&self.output),
             "hash": dataset.hash,
             "total": total,
             "parts": summary.parts,

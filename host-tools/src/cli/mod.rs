@@ -4,14 +4,15 @@
 //! output. Progress goes to standard error, on a terminal only. A failure prints its chain of causes and what to do, and the exit
 //! status is 1 (2 for arguments that make no sense).
 
+mod capabilities;
 mod convert;
 mod device;
 mod export;
 mod generate;
+mod generate_args;
 mod hint;
 mod import;
 mod inspect;
-mod making;
 mod model;
 mod plan;
 mod progress;
@@ -19,12 +20,13 @@ mod recover;
 mod robot;
 mod verify;
 
-use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use serde_json::{Value, json};
 
+use crate::console::{self, say};
 pub use progress::bar;
 
 /// Motion generation for robots: data in, models converted and checked, motion out.
@@ -81,36 +83,72 @@ pub fn main() -> ExitCode {
             if cli.json {
                 say(&report.to_string());
             }
-            ExitCode::SUCCESS
         }
         Err(error) => {
-            complain(&error);
+            console::complain(&error, hint::of(&error));
             if cli.json
                 && let Some(missed) = error.downcast_ref::<verify::BudgetMissed>()
             {
                 // The figures are the result, whether they please or not.
                 say(&missed.report.to_string());
             } else if cli.json {
-                let causes: Vec<String> = error.chain().skip(1).map(ToString::to_string).collect();
+                let causes = console::causes(&error);
                 say(&json!({"error": error.to_string(), "causes": causes, "hint": hint::of(&error)}).to_string());
             }
+            return ExitCode::FAILURE;
+        }
+    }
+    match console::finish() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(lost) => {
+            let lost = lost.into();
+            console::complain(&lost, hint::of(&lost));
             ExitCode::FAILURE
         }
     }
 }
 
-/// A line on standard output. A closed pipe (`| head`) is no reason to fail.
-pub fn say(line: &str) {
-    let _ = writeln!(std::io::stdout(), "{line}");
+/// A path in a report. JSON is Unicode, paths need not be: what is none is replaced, as on a terminal.
+fn shown(path: &Path) -> String {
+    path.display().to_string()
 }
 
-fn complain(error: &anyhow::Error) {
-    let mut stderr = std::io::stderr();
-    let _ = writeln!(stderr, "error: {error}");
-    for cause in error.chain().skip(1) {
-        let _ = writeln!(stderr, "  because: {cause}");
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The lines of the README's commands that call `program`, as words.
+    fn examples(program: &str) -> Vec<Vec<String>> {
+        let text = include_str!("../../../README.md").replace("\\\n", " ");
+        let lines = text.lines().filter(|line| line.starts_with(&format!("{program} ")));
+        lines.map(|line| words(line.split_once(" #").map_or(line, |(command, _)| command))).collect()
     }
-    if let Some(hint) = hint::of(error) {
-        let _ = writeln!(stderr, "  hint: {hint}");
+
+    /// Words with double quotes as a shell reads them.
+    fn words(line: &str) -> Vec<String> {
+        let parts = line.split('"').enumerate();
+        let marked = parts.map(|(k, part)| if k % 2 == 0 { part.to_owned() } else { part.replace(' ', "\0") });
+        let line: String = marked.collect();
+        line.split_whitespace().map(|word| word.replace('\0', " ")).collect()
+    }
+
+    #[test]
+    fn the_readme_s_commands_are_understood_and_replace_nothing() {
+        let examples = examples("motionette");
+        assert!(examples.len() >= 8, "{examples:?}");
+        for example in &examples {
+            if let Err(error) = Cli::try_parse_from(example) {
+                panic!("{example:?}: {error}");
+            }
+            let outputs =
+                example.windows(2).filter(|pair| ["-o", "--output", "--model-rs"].contains(&pair[0].as_str()));
+            for output in outputs {
+                assert!(output[1].starts_with("out/") || output[1].starts_with("data/"), "{example:?}");
+            }
+        }
+        let convert = examples.iter().find(|example| example[1] == "convert").expect("an example");
+        for part in ["models/nano.prior.safetensors", "models/nano.control.safetensors", "models/bank.txt"] {
+            assert!(convert.iter().any(|word| word == part), "{part} is not in {convert:?}");
+        }
     }
 }

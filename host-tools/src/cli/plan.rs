@@ -1,6 +1,6 @@
 //! `motionette plan`: arena, flash and work before anything is flashed.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
@@ -121,7 +121,7 @@ impl Cmd {
             table(&title, "bytes", &shares, shares.iter().map(|share| share.amount).sum());
         }
         if let Some(path) = &self.model_rs {
-            let text = plan::model_rs(&report, &beside(&self.blob, path));
+            let text = plan::model_rs(&report, &seen_from(path, &self.blob)?);
             write_atomic(path, |w| w.write_all(text.as_bytes())).context("writing the constants")?;
             say(&format!("constants to {}", path.display()));
         }
@@ -141,13 +141,48 @@ fn table(title: &str, unit: &str, shares: &[Share], total: u64) {
     say(&format!("  {:<32}  {:>13} {unit}", "all", grouped(total)));
 }
 
-/// The blob's path as `include_bytes!` in `file` must say it: bare when both lie in one folder, else absolute.
-fn beside(blob: &Path, file: &Path) -> String {
-    let folder =
-        |p: &Path| std::fs::canonicalize(p.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")));
-    match (folder(blob), folder(file)) {
-        (Ok(a), Ok(b)) if a == b => blob.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        (Ok(a), _) => a.join(blob.file_name().unwrap_or_default()).to_string_lossy().into_owned(),
-        _ => blob.to_string_lossy().into_owned(),
+/// The blob's path as `include_bytes!` in `file` must say it: from the file's folder on, so that the two can be moved, or built elsewhere,
+/// together.
+fn seen_from(file: &Path, blob: &Path) -> Result<String> {
+    let folder = real(file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
+    let blob = real(blob)?;
+    let shared = folder.components().zip(blob.components()).take_while(|(a, b)| a == b).count();
+    // On another drive: nothing in common, and no way but the whole path.
+    let up = if shared == 0 { 0 } else { folder.components().count() - shared };
+    let down = blob.components().skip(shared).map(Component::as_os_str);
+    let path: PathBuf = std::iter::repeat_n("..".as_ref(), up).chain(down).collect();
+    let text =
+        path.to_str().with_context(|| format!("Rust source cannot name {}: it is no Unicode", path.display()))?;
+    Ok(text.to_owned())
+}
+
+/// The absolute path without links, of which the last folders need not be there yet.
+fn real(path: &Path) -> Result<PathBuf> {
+    let path = std::path::absolute(path).with_context(|| format!("finding {}", path.display()))?;
+    let there = path.ancestors().find_map(|there| Some((there, there.canonicalize().ok()?)));
+    let Some((there, real)) = there else { return Ok(path) };
+    Ok(path.strip_prefix(there).map_or_else(|_| path.clone(), |rest| real.join(rest)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn constants_name_the_blob_from_where_they_lie() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir_all(at("firmware/src")).expect("made");
+        std::fs::create_dir(at("models")).expect("made");
+        std::fs::write(at("models/nano.blob"), "blob").expect("written");
+        for (file, path) in [
+            ("models/model.rs", "nano.blob"),
+            ("model.rs", "models/nano.blob"),
+            ("firmware/src/model.rs", "../../models/nano.blob"),
+            ("firmware/made/later/model.rs", "../../../models/nano.blob"),
+        ] {
+            let seen = seen_from(&at(file), &at("models/nano.blob")).expect("a path");
+            assert_eq!(seen.replace('\\', "/"), path, "{file}");
+        }
     }
 }

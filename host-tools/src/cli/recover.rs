@@ -44,6 +44,6 @@ impl Cmd {
         write_atomic(&self.output, |w| npy::write(w, &[joints.len(), JOINTS, 3], &flat))
             .context("writing the joints")?;
         say(&format!("{} frames of {JOINTS} joints to {}", joints.len(), self.output.display()));
-        Ok(json!({"output": self.output, "frames": joints.len(), "joints": JOINTS}))
+        Ok(json!({"output": super::shown(&self.output), "frames": joints.len(), "joints": JOINTS}))
     }
 }

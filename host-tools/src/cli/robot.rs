@@ -1,16 +1,17 @@
 //! `motionette robot`: robots listed, shown, checked, packed, and tried on motions.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::{ArgGroup, Args, Subcommand};
 use motionette::Joint;
-use motionette::playback::robot::Source as Followed;
+use motionette::playback::robot::{MAGIC, Source as Followed};
 use motionette::playback::{Axis, Bus, Channel, Rest, Robot};
 use serde_json::{Value, json};
 
 use super::export::{Moved, Source};
 use super::say;
+use crate::input;
 use crate::output::write_atomic;
 use crate::robot_file::{self, PRESETS};
 use crate::servos::Fit;
@@ -31,13 +32,13 @@ enum What {
     Fit(FitCmd),
 }
 
-/// Prints a robot's servos, or with --toml the text of a preset to begin with.
+/// Prints a robot's servos, or with --toml the text of its robot.toml: a preset's is one to begin with.
 #[derive(Debug, Args)]
 struct Show {
     /// A preset, a robot.toml or a packed robot.
     #[arg(value_name = "NAME|FILE")]
     robot: String,
-    /// Print the preset as it was written.
+    /// Print the robot as it was written.
     #[arg(long)]
     toml: bool,
 }
@@ -45,8 +46,9 @@ struct Show {
 /// Says everything that is wrong with a robot.toml, line by line.
 #[derive(Debug, Args)]
 struct Check {
-    /// The file.
-    file: PathBuf,
+    /// A robot.toml, a packed robot or a preset.
+    #[arg(value_name = "FILE|NAME")]
+    robot: String,
 }
 
 /// Packs a robot for firmware.
@@ -107,12 +109,25 @@ fn presets() -> Value {
 impl Show {
     fn run(self) -> Result<Value> {
         let robot = robot_file::load(&self.robot)?;
-        match robot_file::preset(&self.robot) {
-            Some(preset) if self.toml => preset.text.lines().for_each(say),
-            _ => table(&robot),
+        match self.toml {
+            true => written(&self.robot)?.lines().for_each(say),
+            false => table(&robot),
         }
         Ok(serde_json::to_value(&robot)?)
     }
+}
+
+/// The text that a robot comes from.
+fn written(name: &str) -> Result<String> {
+    if let Some(preset) = robot_file::preset(name) {
+        return Ok(preset.text.to_owned());
+    }
+    let bytes = input::read(Path::new(name), input::WRITTEN).with_context(|| format!("reading {name}"))?;
+    ensure!(
+        !bytes.starts_with(&MAGIC),
+        "{name} is a packed robot, which holds no text; --toml prints a preset or the robot.toml it was packed from"
+    );
+    String::from_utf8(bytes).with_context(|| format!("reading {name}"))
 }
 
 fn table(robot: &Robot) {
@@ -164,9 +179,9 @@ fn table(robot: &Robot) {
 
 impl Check {
     fn run(self) -> Result<Value> {
-        let robot = robot_file::read(&self.file)?;
+        let robot = robot_file::load(&self.robot)?;
         let (name, channels) = (&robot.name, robot.channels.len());
-        say(&format!("{}: {name}, {channels} servos, nothing wrong", self.file.display()));
+        say(&format!("{}: {name}, {channels} servos, nothing wrong", self.robot));
         Ok(json!({"robot": name, "channels": channels}))
     }
 }
@@ -185,7 +200,7 @@ impl Pack {
         let bytes = robot_file::pack(&robot)?;
         write_atomic(&self.output, |w| w.write_all(&bytes)).context("writing the packed robot")?;
         say(&format!("{} bytes to {}", bytes.len(), self.output.display()));
-        Ok(json!({"output": self.output, "bytes": bytes.len(), "taken": taken}))
+        Ok(json!({"output": super::shown(&self.output), "bytes": bytes.len(), "taken": taken}))
     }
 }
 

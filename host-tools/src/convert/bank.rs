@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::checkpoint::PriorCheckpoint;
 use crate::checkpoint::prior::NONE;
+use crate::input;
 use crate::reference::text::{self, PromptError, TextEncoder, Words};
 
 /// Bytes of a name.
@@ -69,7 +70,7 @@ pub struct Entry {
 /// # Errors
 /// [`Error::Io`] and those of [`parse`].
 pub fn read(path: &Path) -> Result<Vec<Prompt>, Error> {
-    parse(&std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?)
+    parse(&input::read_text(path, input::WRITTEN).map_err(|source| Error::Io { path: path.to_owned(), source })?)
 }
 
 /// Parses the text of a bank file.

@@ -7,6 +7,7 @@ use safetensors::{Dtype, SafeTensors};
 use serde_json::json;
 
 use super::{Clip, Dataset, Error, FORMAT, VERSION, digest};
+use crate::input;
 use crate::motion::{FEATURES, JOINTS};
 use crate::output::write_atomic;
 
@@ -50,7 +51,7 @@ impl Dataset {
     /// [`Error`], naming the file and what is wrong in it.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
         let path = path.as_ref();
-        let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+        let bytes = input::read(path, input::ANY).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
         let container = |source| Error::Container { path: path.to_path_buf(), source };
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(container)?;
         let file = SafeTensors::deserialize(&bytes).map_err(container)?;

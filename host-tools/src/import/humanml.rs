@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use super::collect::{self, SplitChoice};
 use super::{Summary, captions, npy};
 use crate::dataset::{Builder, Clip, Dataset, Split};
+use crate::input;
 use crate::motion::features::{self, Options, Processed};
 use crate::motion::{FEATURES, FPS, JOINTS, Pose, recover};
 use crate::parallel;
@@ -150,7 +151,7 @@ fn splits(folder: &Path) -> Result<HashMap<String, Split>, Error> {
     for split in [Split::Train, Split::Val, Split::Test] {
         let path = folder.join(format!("{split}.txt"));
         if path.is_file() {
-            let text = std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source })?;
+            let text = input::read_text(&path, input::ANY).map_err(|source| Error::Read { path, source })?;
             splits.extend(text.split_whitespace().map(|id| (id.to_string(), split)));
         }
     }

@@ -21,6 +21,7 @@ use motionette::{Anchor, Joint, Target};
 use serde_json::{Map, Value};
 
 use crate::anchors_file;
+use crate::input;
 use crate::motion::FPS;
 
 /// Frames a second of Kimodo's models.
@@ -140,7 +141,8 @@ pub struct Imported {
 /// # Errors
 /// [`Error::Read`], else as [`parse`].
 pub fn read(path: &Path, fps: f64, every: f64) -> Result<Imported, Error> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let text =
+        input::read_text(path, input::WRITTEN).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     parse(&text, fps, every)
 }
 

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use npyz::WriterBuilder;
 
+use crate::input;
+
 /// An array as read: f64 whatever the file held, row-major.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Array {
@@ -65,7 +67,7 @@ pub enum Error {
 /// [`Error`], naming the file.
 pub fn read(path: &Path) -> Result<Array, Error> {
     let failed = |source| Error::Read { path: path.to_path_buf(), source };
-    let bytes = std::fs::read(path).map_err(failed)?;
+    let bytes = input::read(path, input::ANY).map_err(failed)?;
     let (announced, payload) = screen(&bytes).map_err(|problem| Error::Header { path: path.to_path_buf(), problem })?;
     let npy = npyz::NpyFile::new(bytes.as_slice()).map_err(failed)?;
     let shape: Vec<usize> = npy.shape().iter().map(|&n| n as usize).collect();

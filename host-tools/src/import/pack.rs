@@ -11,6 +11,7 @@ use serde::Deserialize;
 
 use super::Summary;
 use crate::dataset::{Builder, Caption, Clip, Dataset, Split};
+use crate::input;
 use crate::motion::features::{self, Options};
 use crate::motion::{JOINTS, Pose};
 use crate::parallel;
@@ -151,7 +152,7 @@ fn describe(line: Line) -> Clip {
 }
 
 fn read_lines(path: &Path) -> Result<Vec<Line>, Error> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let text = input::read_text(path, input::ANY).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     text.lines()
         .enumerate()
         .filter(|(_, line)| !line.trim().is_empty())
@@ -167,7 +168,7 @@ fn read_lines(path: &Path) -> Result<Vec<Line>, Error> {
 
 /// Global joints of every clip, metres.
 fn read_motions(path: &Path, lines: &[Line]) -> Result<Vec<Vec<Pose>>, Error> {
-    let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let bytes = input::read(path, input::ANY).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     let file =
         SafeTensors::deserialize(&bytes).map_err(|source| Error::Container { path: path.to_path_buf(), source })?;
     let mismatch = |problem: String| Error::Mismatch { path: path.to_path_buf(), problem };

@@ -33,6 +33,8 @@ use std::path::Path;
 use motionette::playback::Robot;
 use motionette::playback::robot::{MAGIC, MAX_BYTES, RobotError};
 
+use crate::input;
+
 pub use error::{Error, Problem, Problems};
 pub use presets::{PRESETS, Preset, preset, preset_names};
 pub use version1::{Lifted, lift};
@@ -58,7 +60,7 @@ pub fn load(name: &str) -> Result<Robot, Error> {
 /// [`Error::Read`], [`Error::Invalid`], or [`Error::Packed`].
 pub fn read(path: &Path) -> Result<Robot, Error> {
     let failed = |source| Error::Read { path: path.to_path_buf(), source };
-    let bytes = std::fs::read(path).map_err(failed)?;
+    let bytes = input::read(path, input::WRITTEN).map_err(failed)?;
     if bytes.starts_with(&MAGIC) {
         return Robot::open(&bytes).map_err(|source| Error::Packed { path: path.to_path_buf(), source });
     }

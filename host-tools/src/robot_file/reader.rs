@@ -216,7 +216,8 @@ pub(super) fn nearest<'n>(found: &str, names: &[&'n str]) -> Option<&'n str> {
 pub(super) fn parse(source: &str) -> Result<Robot, Vec<Problem>> {
     let mut reader = Reader { source, problems: Vec::new() };
     let (document, errors) = DeTable::parse_recoverable(source);
-    for error in errors {
+    // Behind the first error everything else is misread, too.
+    for error in errors.into_iter().take(1) {
         let span = error.span().unwrap_or_default();
         reader.report(span, format!("this is no TOML: {}", error.message().replace('\n', ", ")));
     }

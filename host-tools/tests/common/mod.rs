@@ -24,6 +24,19 @@ pub fn shared(relative: &str) -> Option<PathBuf> {
     None
 }
 
+/// A message in which no cause repeats what was said before it: `error` and `causes` of the report, the lines of standard error.
+#[allow(dead_code, reason = "each test binary compiles this module and not all see failures")]
+pub fn says_each_cause_once(report: &serde_json::Value, stderr: &str) {
+    let text = |value: &serde_json::Value| value.as_str().expect("a text").to_owned();
+    let mut said = vec![text(&report["error"])];
+    for cause in report["causes"].as_array().expect("a list").iter().map(text) {
+        assert!(!said.iter().any(|before| before.contains(&cause)), "{cause:?} is said twice: {report}");
+        assert!(stderr.contains(&format!("because: {cause}")), "{stderr}");
+        said.push(cause);
+    }
+    assert_eq!(stderr.matches("because: ").count(), said.len() - 1, "{stderr}");
+}
+
 /// SplitMix64: small, seeded, the same everywhere.
 #[allow(dead_code, reason = "each test binary compiles this module and not all draw numbers")]
 pub struct Random(pub u64);

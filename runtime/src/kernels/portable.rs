@@ -81,6 +81,7 @@ pub fn linear_transposed_s16s8(g: &[i16], w: &[i8], inputs: usize, outputs: usiz
 
 /// The largest magnitude of `x`, as bits without the sign, shifted to its place: so finite numbers order, and what is not
 /// finite is larger. 0 where there are none.
+#[cfg(any(not(kernels = "mve"), test, feature = "check-kernels"))]
 #[inline(always)]
 #[must_use]
 pub fn largest_magnitude(x: &[f32]) -> u32 {
@@ -95,6 +96,7 @@ pub fn largest_magnitude(x: &[f32]) -> u32 {
 }
 
 /// `q[k] = round(x[k] * factor)`, as many as both have.
+#[cfg(any(not(kernels = "mve"), test, feature = "check-kernels"))]
 #[inline(always)]
 pub fn round_scaled(x: &[f32], factor: f32, q: &mut [i16]) {
     for (q, v) in q.iter_mut().zip(x) {

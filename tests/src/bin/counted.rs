@@ -5,12 +5,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use motionette_host::blob::BlobFile;
-use motionette_tests::standard;
+use motionette_tests::standard_request;
 
 fn main() -> Result<()> {
     let path: PathBuf = std::env::args_os().nth(1).context("usage: counted BLOB")?.into();
     let blob = BlobFile::open(&path)?;
-    let counted = standard::count(&blob.model()?)?;
+    let counted = standard_request::count(&blob.model()?)?;
     let (planned, most) = (counted.planned(), counted.plan.macs);
     println!(
         "{} evaluations, {} gradients: {:.1} million multiply-accumulates planned, {:.1} million counted, ratio {:.4}; \

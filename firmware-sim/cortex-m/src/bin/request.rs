@@ -1,4 +1,4 @@
-//! The standard request of the budgets (`firmware-sim/src/standard.rs`), between the marks that
+//! The standard request of the budgets (`firmware-sim/src/standard_request.rs`), between the marks that
 //! `firmware-sim/twin/count.c` counts instructions between: the model opened, the whole request, then the same request once
 //! more stage by stage, then with as many rows at a time as may be.
 #![no_std]
@@ -9,8 +9,8 @@ use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use motionette::MOST_ROWS;
-use motionette::{Stop, Generator, Model, Observer, Progress, Stage, blob::Aligned};
-use motionette_cortex_m::{stack, standard};
+use motionette::{Generator, Model, Observer, Progress, Stage, Stop, blob::Aligned};
+use motionette_cortex_m::{stack, standard_request};
 use semihosting::{println, process::exit};
 
 const MODEL: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/model.blob"));
@@ -61,8 +61,8 @@ fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
     mark!("0");
     let Ok(model) = model else { exit(1) };
     let mut generator = Generator::new(model, arena)?;
-    let anchors = standard::anchors();
-    let request = standard::request().through(&anchors);
+    let anchors = standard_request::anchors();
+    let request = standard_request::request().through(&anchors);
     let plan = generator.plan(&request)?;
     mark!("2");
     let motion = generator.generate(&request, &mut ())?;

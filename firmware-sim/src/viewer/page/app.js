@@ -238,7 +238,8 @@ $("reset").addEventListener("click", () => { setFollow(false); frameView(); });
 $("help").addEventListener("click", () => $("helpbox").showModal());
 $("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "light" ? "dark" : "light"));
 setTheme(matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
-new ResizeObserver(() => { dirty = true; }).observe(canvas);
+// At once: until the next frame the browser would stretch what was painted for another size.
+new ResizeObserver(() => paint(player.frame)).observe(canvas);
 frameView();
 // viewer.html#frame=60 opens still, at that frame.
 const wanted = /frame=(\d+)/.exec(location.hash);

@@ -9,6 +9,19 @@ function element(parent, name, attributes, text) {
   return e;
 }
 
+// Has a focused chart move on arrow keys: along by columns, across by rows (if it has any), to its start (0) or end (1). The page's own keys
+// rest meanwhile.
+function onArrows(chart, along, across, end) {
+  const keys = { ArrowLeft: () => along(-1), ArrowRight: () => along(1), Home: () => end(0), End: () => end(1) };
+  if (across) Object.assign(keys, { ArrowUp: () => across(-1), ArrowDown: () => across(1) });
+  chart.addEventListener("keydown", (e) => {
+    if (!keys[e.key] || e.ctrlKey || e.metaKey || e.altKey) return;
+    keys[e.key]();
+    e.preventDefault();
+    e.stopPropagation();
+  });
+}
+
 const centimetres = (v) => (v >= 10 ? v.toFixed(1) : v >= 1 ? v.toFixed(2) : v.toFixed(3));
 
 function drawChart(host, curve) {
@@ -21,7 +34,7 @@ function drawChart(host, curve) {
     return;
   }
   const W = 312, H = 172, left = 40, right = 6, top = 10, bottom = 34;
-  const svg = element(host, "svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": "Control error in centimetres over decoder evaluations" });
+  const svg = element(host, "svg", { viewBox: `0 0 ${W} ${H}`, role: "slider", tabindex: 0, "aria-label": "Control error in centimetres over decoder evaluations", "aria-valuemin": curve[0].evaluations, "aria-valuemax": curve[curve.length - 1].evaluations });
   const last = curve[curve.length - 1].evaluations || 1;
   const floor = 1e-3;
   const values = curve.map((c) => Math.max(floor, c.error_cm));
@@ -42,15 +55,30 @@ function drawChart(host, curve) {
   if (curve.length <= 60) curve.forEach((c, i) => element(svg, "circle", { class: "dot", cx: x(c.evaluations), cy: y(values[i]), r: 2.2 }));
   const hair = element(svg, "line", { class: "hair", y1: top, y2: H - bottom, visibility: "hidden" });
   const read = element(svg, "text", { class: "read", y: top + 12, visibility: "hidden" });
-  svg.addEventListener("pointermove", (e) => {
-    const box = svg.getBoundingClientRect(), n = (((e.clientX - box.left) / box.width) * W - left) / (W - left - right) * last;
-    const c = curve.reduce((best, p) => (Math.abs(p.evaluations - n) < Math.abs(best.evaluations - n) ? p : best));
-    const px = x(c.evaluations), flip = px > W / 2;
+  let at = curve.length - 1;
+  const tell = (index) => {
+    at = Math.max(0, Math.min(curve.length - 1, index));
+    const c = curve[at];
+    svg.setAttribute("aria-valuenow", c.evaluations);
+    svg.setAttribute("aria-valuetext", `${c.evaluations} evaluations: ${centimetres(c.error_cm)} cm`);
+    return c;
+  };
+  const point = (index) => {
+    const c = tell(index), px = x(c.evaluations), flip = px > W / 2;
     for (const k of ["x1", "x2"]) hair.setAttribute(k, px);
     read.setAttribute("x", px + (flip ? -6 : 6));
     read.setAttribute("text-anchor", flip ? "end" : "start");
     read.textContent = `${c.evaluations}: ${centimetres(c.error_cm)} cm`;
     for (const s of [hair, read]) s.setAttribute("visibility", "visible");
+  };
+  svg.addEventListener("pointermove", (e) => {
+    const box = svg.getBoundingClientRect(), n = (((e.clientX - box.left) / box.width) * W - left) / (W - left - right) * last;
+    point(curve.reduce((best, p, i) => (Math.abs(p.evaluations - n) < Math.abs(curve[best].evaluations - n) ? i : best), 0));
   });
-  svg.addEventListener("pointerleave", () => { for (const s of [hair, read]) s.setAttribute("visibility", "hidden"); });
+  const hide = () => { for (const s of [hair, read]) s.setAttribute("visibility", "hidden"); };
+  svg.addEventListener("pointerleave", hide);
+  svg.addEventListener("focus", () => point(at));
+  svg.addEventListener("blur", hide);
+  onArrows(svg, (along) => point(at + along), null, (end) => point(end * (curve.length - 1)));
+  tell(at);
 }

@@ -5,7 +5,7 @@ const FAULT_NAMES = { nack: "no acknowledgement", stuck: "bus held", late: "late
 function drawServos(host, robot) {
   const W = 312, H = 34, left = 0, seconds = robot.servos[0].commanded.length / robot.tick_rate;
   const x = (t) => left + ((W - left) * t) / seconds;
-  const strips = robot.servos.map((servo) => {
+  const strips = robot.servos.map((servo, index) => {
     const box = document.createElement("div");
     box.className = "servo";
     const label = document.createElement("div");
@@ -14,7 +14,7 @@ function drawServos(host, robot) {
     label.firstChild.textContent = servo.name;
     label.title = servo.bus;
     box.append(label);
-    const svg = element(box, "svg", { viewBox: `0 0 ${W} ${H}`, preserveAspectRatio: "none", role: "img", "aria-label": `${servo.name}: degrees commanded and reached over time` });
+    const svg = element(box, "svg", { viewBox: `0 0 ${W} ${H}`, preserveAspectRatio: "none", role: "slider", tabindex: index === 0 ? 0 : -1, "aria-label": `${servo.name}, degrees; left and right move in time, up and down from servo to servo`, "aria-valuemin": 0, "aria-valuemax": FRAMES - 1 });
     const [low, high] = servo.range, pad = 3;
     const y = (angle) => pad + ((H - 2 * pad) * (high - angle)) / (high - low);
     for (const [name, from, until] of robot.faults) {
@@ -32,16 +32,25 @@ function drawServos(host, robot) {
       seek((time - robot.began) * scene.fps);
     });
     host.append(box);
-    return { servo, head, read: label.lastChild };
+    return { servo, svg, head, read: label.lastChild };
+  });
+  // One stop of the tab key for all strips: the strip that was visited last.
+  const visit = (index) => strips[Math.max(0, Math.min(strips.length - 1, index))].svg.focus();
+  const still = (frame) => { setPlaying(false); seek(frame); };
+  strips.forEach(({ svg }, index) => {
+    svg.addEventListener("focus", () => strips.forEach((strip, k) => strip.svg.setAttribute("tabindex", k === index ? 0 : -1)));
+    onArrows(svg, (by) => still(Math.round(player.frame) + by), (by) => visit(index + by), (end) => still(end * (FRAMES - 1)));
   });
   return (frame) => {
     const time = robot.began + frame / scene.fps, tick = Math.min(robot.servos[0].commanded.length - 1, Math.round(time * robot.tick_rate));
     const state = robot.states.filter(([from]) => from <= time + 1e-6).pop();
     $("robotstate").textContent = state ? state[1] : "";
     $("robotstate").classList.toggle("down", !!state && state[1] === "bus down");
-    for (const { servo, head, read } of strips) {
+    for (const { servo, svg, head, read } of strips) {
       for (const k of ["x1", "x2"]) head.setAttribute(k, x(time));
       read.textContent = `${servo.commanded[tick].toFixed(0)}° → ${servo.reached[tick].toFixed(0)}°`;
+      svg.setAttribute("aria-valuenow", frame);
+      svg.setAttribute("aria-valuetext", `${time.toFixed(2)} s: ${servo.commanded[tick].toFixed(0)} degrees commanded, ${servo.reached[tick].toFixed(0)} reached`);
     }
   };
 }

@@ -144,40 +144,6 @@ function drawAnchor(a, frame) {
   }
 }
 
-// Labels stand above their anchor and are pushed up until they no longer overlap one another.
-function drawLabels(frame, width) {
-  const placed = [];
-  ctx.font = "600 12px system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif";
-  ctx.textBaseline = "middle";
-  const order = scene.anchors.map((a, i) => ({ a, i, q: project(a.target.length === 2 ? [a.target[0], 1.0, a.target[1]] : a.target) })).filter((l) => l.q);
-  order.sort((l, m) => m.q.y - l.q.y);
-  for (const { a, i, q } of order) {
-    const near = nearness(a, frame), text = `${i + 1}  ${a.name} · ${(a.frame / scene.fps).toFixed(2)} s`;
-    const w = ctx.measureText(text).width + 14, h = 20;
-    let x = Math.max(4, Math.min(width - w - 4, q.x - w / 2)), y = q.y - 34;
-    for (let tries = 0; tries < 12; tries++) {
-      const hit = placed.find((p) => x < p.x + p.w + 3 && p.x < x + w + 3 && y < p.y + p.h + 3 && p.y < y + h + 3);
-      if (!hit) break;
-      y = hit.y - h - 4;
-    }
-    placed.push({ x, y, w, h });
-    ctx.strokeStyle = rgba(palette.target, 0.5);
-    ctx.lineWidth = 1;
-    ctx.beginPath();
-    ctx.moveTo(q.x, q.y - 8);
-    ctx.lineTo(Math.max(x + 6, Math.min(x + w - 6, q.x)), y + h);
-    ctx.stroke();
-    ctx.beginPath();
-    ctx.roundRect(x, y, w, h, 6);
-    ctx.fillStyle = near > 0 ? rgba(palette.target, 0.55 + 0.45 * near) : rgba(palette.panel, 0.86);
-    ctx.fill();
-    ctx.strokeStyle = rgba(palette.target, 0.7);
-    ctx.stroke();
-    ctx.fillStyle = near > 0.3 ? rgba(palette.dark ? palette.bg : palette.bg2, 1) : rgba(palette.text, 1);
-    ctx.fillText(text, x + 7, y + h / 2 + 0.5);
-  }
-}
-
 function backdrop(width, height) {
   const g = ctx.createRadialGradient(width / 2, height * 0.42, 0, width / 2, height * 0.42, 0.75 * Math.max(width, height));
   g.addColorStop(0, rgba(palette.bg2, 1));
@@ -218,5 +184,5 @@ function paint(frame) {
   if (show.robot && pose.robot) drawWire(ctx, pose.robot, rgba(palette.robot, 0.9));
   if (show.reference && pose.reference) drawWire(ctx, pose.reference, rgba(palette.reference, 1));
   for (const a of scene.anchors) drawAnchor(a, frame);
-  if (show.labels) drawLabels(frame, width);
+  if (show.labels) drawLabels(frame, width, height, pose);
 }

@@ -59,13 +59,13 @@ fn run(cli: &Cli) -> Result<()> {
     let blob = BlobFile::open(&cli.blob)?;
     let model = blob.model()?;
     let preset = Preset::PICO2;
-    let anchors = motionette_sim::standard::anchors();
+    let anchors = motionette_sim::standard_request::anchors();
     let anchors = anchors.by_frame(model.frame_rate())?;
     let early: Vec<_> = anchors
         .iter()
         .map(|anchor| motionette::Anchor { frame: anchor.frame.min(preset.frames - 1), ..*anchor })
         .collect();
-    let request = Request::text(motionette_sim::standard::PROMPT).frames(preset.frames).steps(preset.steps);
+    let request = Request::text(motionette_sim::standard_request::PROMPT).frames(preset.frames).steps(preset.steps);
     let config = motionette::refining::Config { evaluations: preset.evaluations, ..Default::default() };
     let request = request.through(&early).refined(config);
     let plan = Generator::new(model.clone(), &mut [])?.plan(&request)?;

@@ -14,7 +14,7 @@ use clap::Parser;
 use motionette::Generator;
 use motionette_host::blob::BlobFile;
 use motionette_sim::{
-    bundle::Bundle,
+    sample_clips::SampleClips,
     twin::{self, Digest},
 };
 use motionette_twin::{
@@ -107,8 +107,8 @@ fn on_desktop(blob: &Path) -> Result<Vec<Digest>> {
     if generator.self_test()? == Some(false) {
         bail!("{}: the self-test failed on this machine", blob.display());
     }
-    let bundle = Bundle::built_in()?;
-    let recorded: Vec<&[u16]> = bundle.clips.iter().map(|clip| clip.tokens.as_slice()).collect();
+    let samples = SampleClips::built_in()?;
+    let recorded: Vec<&[u16]> = samples.clips.iter().map(|clip| clip.tokens.as_slice()).collect();
     let start = Instant::now();
     let digests = (0..twin::REQUESTS)
         .map(|index| twin::run(&mut generator, index, &recorded).with_context(|| format!("request {index}")))

@@ -14,6 +14,7 @@ use sha2::{Digest, Sha256};
 use super::error::{Error, ErrorKind, Result};
 use super::tensors::TensorMap;
 use super::tokenizer::{Conv1d, TokenizerCheckpoint};
+use crate::input;
 
 /// Value of `format` in the metadata.
 pub const FORMAT: &str = "motionette-prior";
@@ -198,11 +199,21 @@ pub struct PriorCheckpoint {
 /// # Errors
 /// [`Error`] with the path and what is wrong.
 pub fn load(path: &Path) -> core::result::Result<PriorCheckpoint, Error> {
-    let read = || -> Result<PriorCheckpoint> {
-        let (map, config) = super::of_format(&std::fs::read(path)?, FORMAT, VERSION)?;
-        PriorCheckpoint::build(&map, PriorConfig::from_json(&config)?)
-    };
+    let read = || of_bytes(&input::read(path, input::ANY)?);
     read().map_err(|kind| Error { path: path.to_owned(), kind })
+}
+
+/// Reads one that is in memory; errors call it `name`.
+///
+/// # Errors
+/// As [`load`].
+pub fn from_bytes(bytes: &[u8], name: &str) -> core::result::Result<PriorCheckpoint, Error> {
+    of_bytes(bytes).map_err(|kind| Error { path: name.into(), kind })
+}
+
+fn of_bytes(bytes: &[u8]) -> Result<PriorCheckpoint> {
+    let (map, config) = super::of_format(bytes, FORMAT, VERSION)?;
+    PriorCheckpoint::build(&map, PriorConfig::from_json(&config)?)
 }
 
 /// Takes tensors out of a map.

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use motionette::kernels::count;
 use motionette::{Generator, Model, Plan};
-use motionette_sim::standard;
+use motionette_sim::standard_request;
 
 /// What was planned and what was counted.
 #[derive(Debug, Clone, Copy)]
@@ -32,8 +32,8 @@ impl Counted {
 /// # Errors
 /// Any error of the model or request.
 pub fn count(model: &Model<'_>) -> Result<Counted> {
-    let anchors = standard::anchors();
-    let request = standard::request().through(&anchors);
+    let anchors = standard_request::anchors();
+    let request = standard_request::request().through(&anchors);
     let plan = Generator::new(model.clone(), &mut [])?.plan(&request)?;
     let mut arena = vec![0u8; plan.arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena)?;

@@ -17,7 +17,7 @@ use crate::motion::Pose;
 
 /// The motion that is asked for. Commands say which of these they need.
 #[derive(Debug, Args)]
-pub(super) struct Making {
+pub(super) struct GenerateArgs {
     /// The blob.
     #[arg(long, value_name = "FILE")]
     blob: Option<PathBuf>,
@@ -31,7 +31,7 @@ pub(super) struct Making {
     #[arg(long)]
     seconds: Option<f64>,
     /// Seed of everything that is drawn.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Steps of the sampler.
     #[arg(long, default_value_t = Planning::DEFAULT.steps)]
@@ -108,17 +108,21 @@ enum Draw {
     Gumbel,
 }
 
-impl Making {
+impl GenerateArgs {
     /// Makes the motion; says what it could not take into account.
     pub fn make(&self) -> Result<Made> {
         let blob = BlobFile::open(self.blob.as_deref().context("a motion from text needs a model: give --blob")?)?;
         let model = blob.model()?;
         let length = self.length(&model)?;
         let anchors = self.anchors()?;
-        if let Length::Frames(frames) = length {
-            let frames = usize::from(frames).next_multiple_of(model.frames_per_token());
-            anchors_file::check(&anchors, frames).context("checking the anchors")?;
-        }
+        let frames = match length {
+            Length::Frames(frames) => usize::from(frames).next_multiple_of(model.frames_per_token()),
+            // As long as the anchors need it.
+            _ => model.max_tokens() * model.frames_per_token(),
+        };
+        anchors_file::check(&anchors, frames).context("checking the anchors")?;
+        warn_of_far(&anchors);
+        let anchors = anchors_file::distinct(&anchors);
         let request = self.request(length, &anchors);
 
         // An arena of exactly the size that the request takes.
@@ -229,5 +233,12 @@ impl Making {
         };
         let unknown = Words::new(text).filter(|word| encoder.vocabulary().id(word) == UNKNOWN);
         unknown.map(|word| word.as_str().to_owned()).collect()
+    }
+}
+
+/// Says which anchors no body can reach in the time: a slip, most of the time.
+pub(super) fn warn_of_far(anchors: &[Anchor]) {
+    for far in anchors_file::out_of_reach(anchors) {
+        say(&format!("warning: {far}"));
     }
 }

@@ -6,6 +6,7 @@
 use anyhow::{Context, bail};
 use clap::Args;
 use motionette::{Anchor, Model, Request};
+use motionette_host::console::say;
 use motionette_host::dataset::Dataset;
 use motionette_host::reference::Tokenizer;
 use motionette_host::reference::bridge::runtime_token;
@@ -16,10 +17,8 @@ use std::path::PathBuf;
 
 use crate::session;
 
-/// The bundle that is built in.
+/// The clips that are built in.
 const BUILT_IN: &str = include_str!("../assets/clips.json");
-/// The model that is built in.
-pub const BLOB: &[u8] = include_bytes!("../../models/nano.blob");
 
 /// One motion.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -47,7 +46,7 @@ impl Clip {
 
 /// All bundled motions.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Bundle {
+pub struct SampleClips {
     /// SHA-256 of the checkpoint that made the tokens.
     pub checkpoint: String,
     /// Licence of the motions that the tokens were made from.
@@ -56,8 +55,8 @@ pub struct Bundle {
     pub clips: Vec<Clip>,
 }
 
-impl Bundle {
-    /// The bundle that is built in.
+impl SampleClips {
+    /// The clips that are built in.
     ///
     /// # Errors
     /// When it cannot be read (a mistake in the build).
@@ -104,7 +103,7 @@ pub struct Cmd {
 }
 
 impl Cmd {
-    /// Encodes the clips, places anchors, writes the bundle.
+    /// Encodes the clips, places anchors, writes the file.
     ///
     /// # Errors
     /// When a file cannot be read or written, or a clip is not there.
@@ -131,14 +130,14 @@ impl Cmd {
                 anchors: serde_json::from_str(&anchors_file::text(&anchors)?)?,
             });
         }
-        let bundle = Bundle {
+        let samples = SampleClips {
             checkpoint: checkpoint::file_hash(&self.checkpoint)?,
             licence: "Token ids of Bandai-Namco Research motions, CC BY-NC 4.0; see models/README.md".into(),
             clips,
         };
-        let text = serde_json::to_string_pretty(&bundle)?;
+        let text = serde_json::to_string_pretty(&samples)?;
         output::write_atomic(&self.out, |file| writeln!(file, "{text}"))?;
-        println!("{} clips to {}", bundle.clips.len(), self.out.display());
+        say(&format!("{} clips to {}", samples.clips.len(), self.out.display()));
         Ok(())
     }
 }

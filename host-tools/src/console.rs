@@ -1,0 +1,79 @@
+//! What a program of this project says: results on standard output, complaints on standard error.
+
+use std::io::{self, ErrorKind, Write};
+use std::sync::{Mutex, PoisonError};
+
+/// Standard output took not everything.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write to standard output: what was said is not complete")]
+pub struct Lost(#[source] io::Error);
+
+/// The first failure.
+static FAILED: Mutex<Option<io::Error>> = Mutex::new(None);
+
+/// A line on standard output. That it could not be written says [`finish`].
+pub fn say(line: &str) {
+    note(writeln!(io::stdout(), "{line}"));
+}
+
+/// Says whether everything that was to be said has been said. To be asked once, at the end.
+///
+/// # Errors
+/// [`Lost`], with the system's first reason. A reader that has gone (`| head`) wanted no more: that is no failure.
+pub fn finish() -> Result<(), Lost> {
+    note(io::stdout().flush());
+    FAILED.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), |error| Err(Lost(error)))
+}
+
+fn note(result: io::Result<()>) {
+    if let Err(error) = result
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        FAILED.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+    }
+}
+
+/// Prints an error, what caused it, and what to do, on standard error.
+pub fn complain(error: &anyhow::Error, hint: Option<&str>) {
+    // There is nowhere left to say that standard error fails.
+    let mut stderr = io::stderr();
+    let _ = writeln!(stderr, "error: {error}");
+    for cause in causes(error) {
+        let _ = writeln!(stderr, "  because: {cause}");
+    }
+    if let Some(hint) = hint {
+        let _ = writeln!(stderr, "  hint: {hint}");
+    }
+}
+
+/// What caused an error, from the nearest cause on. Errors of the runtime carry their cause in their own text, since firmware logs nothing
+/// else: a cause that stands in a message before it is left out.
+#[must_use]
+pub fn causes(error: &anyhow::Error) -> Vec<String> {
+    let mut said = vec![error.to_string()];
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !said.iter().any(|before| before.contains(&cause)) {
+            said.push(cause);
+        }
+    }
+    said.split_off(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::{Context, anyhow};
+
+    #[derive(Debug, thiserror::Error)]
+    #[error("blob x: {0}")]
+    struct Quoting(#[source] io::Error);
+
+    #[test]
+    fn a_cause_is_said_once() {
+        let error = anyhow::Error::new(Quoting(io::Error::other("no such file"))).context("reading").context("inspect");
+        assert_eq!(causes(&error), ["reading", "blob x: no such file"]);
+        assert_eq!(causes(&anyhow!("alone")), [""; 0]);
+        let plain: anyhow::Result<()> = Err(io::Error::other("disk gone")).context("writing");
+        assert_eq!(causes(&plain.expect_err("an error")), ["disk gone"]);
+    }
+}
