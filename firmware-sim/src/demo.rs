@@ -21,6 +21,7 @@ use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob_file::BlobFile;
 use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};
+use motionette_host::cli::RecordingOptions;
 use motionette_host::convert::AlignedBlob;
 use motionette_host::motion::Pose;
 use motionette_host::reference::{Prior, Road};
@@ -34,6 +35,10 @@ use std::time::Instant;
 ///
 /// Example: motionette-sim --text "a tired person waves the right hand" --seconds 5 --anchors anchors.json
 #[derive(Debug, Args)]
+#[command(
+    mut_arg("mapping", |arg| arg.requires("bvh").conflicts_with_all(["text", "clip"])),
+    mut_arg("unit", |arg| arg.requires("bvh").conflicts_with_all(["text", "clip"]))
+)]
 pub struct Cmd {
     /// What the body is to do, in words. If nothing is said: a prompt and anchors that come with the simulator.
     #[arg(long, value_name = "PROMPT", conflicts_with_all = ["clip", "bvh"])]
@@ -53,6 +58,8 @@ pub struct Cmd {
     /// Your own recording instead of a prompt; it is encoded first.
     #[arg(long, value_name = "FILE")]
     bvh: Option<PathBuf>,
+    #[command(flatten)]
+    recording: RecordingOptions,
     /// Anchors (docs/anchors.md); none, or those of a bundled motion, if nothing is said.
     #[arg(long, value_name = "FILE.json")]
     anchors: Option<PathBuf>,
@@ -279,7 +286,9 @@ impl Cmd {
     fn source(&self, checkpoint: &TokenizerCheckpoint, model: &Model<'_>) -> anyhow::Result<Source> {
         let mut source = match (&self.text, &self.bvh, &self.clip) {
             (Some(text), _, _) => source::prompt(text),
-            (None, Some(path), _) => source::recording(path, checkpoint, model.max_tokens())?,
+            (None, Some(path), _) => {
+                source::recording(path, &self.recording.reading()?, checkpoint, model.max_tokens())?
+            }
             (None, None, Some(name)) => source::bundled(Some(name))?,
             (None, None, None) => source::default_job()?,
         };

@@ -9,7 +9,7 @@ use motionette::playback::Robot;
 use serde_json::{Value, json};
 
 use super::making::Making;
-use super::say;
+use super::{RecordingOptions, say};
 use crate::export::{bvh, glb, servo};
 use crate::motion::{FPS, Pose, skeleton};
 use crate::output::write_atomic;
@@ -45,6 +45,10 @@ pub(super) struct Cmd {
 
 /// Where a motion comes from.
 #[derive(Debug, Args)]
+#[command(
+    mut_arg("mapping", |arg| arg.conflicts_with_all(["text", "prompt"])),
+    mut_arg("unit", |arg| arg.conflicts_with_all(["text", "prompt"]))
+)]
 pub(super) struct Source {
     #[command(flatten)]
     making: Making,
@@ -53,6 +57,8 @@ pub(super) struct Source {
         "blob", "seconds", "seed", "steps", "schedule", "guidance", "sampling", "temperature", "top_k", "top_p", "unconditioned"
     ])]
     bvh: Option<PathBuf>,
+    #[command(flatten)]
+    recording: RecordingOptions,
 }
 
 /// File formats.
@@ -87,7 +93,10 @@ impl Source {
             let made = self.making.make()?;
             return Ok(Moved { frames: made.frames, frame_rate: made.frame_rate, anchors: made.anchors });
         };
-        let frames = import::bvh::load(path, None)?.joints;
+        let import::bvh::Recording { joints: frames, mapping, notes, .. } =
+            import::bvh::load(path, &self.recording.reading()?)?;
+        say(&format!("{}: joints by the mapping {mapping}", path.display()));
+        notes.iter().for_each(|note| say(&format!("note: {note}")));
         let anchors = self.making.anchors()?;
         anchors_file::check(&anchors, frames.len()).context("checking the anchors")?;
         Ok(Moved { frames, frame_rate: FPS as u16, anchors })

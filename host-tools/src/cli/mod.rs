@@ -15,6 +15,7 @@ mod making;
 mod model;
 mod plan;
 mod progress;
+mod recording;
 mod recover;
 mod robot;
 mod verify;
@@ -26,6 +27,7 @@ use clap::{Parser, Subcommand};
 use serde_json::{Value, json};
 
 pub use progress::bar;
+pub use recording::RecordingOptions;
 
 /// Motion generation for robots: data in, models converted and checked, motion out.
 #[derive(Debug, Parser)]

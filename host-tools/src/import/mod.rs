@@ -1,5 +1,6 @@
 //! Recordings in, dataset out; constraint files in, anchors out.
 
+pub mod bounded;
 pub mod bvh;
 pub mod captions;
 pub mod collect;
@@ -10,7 +11,7 @@ pub mod pack;
 pub mod recordings;
 mod summary;
 
-pub use summary::{Count, Skipped, Summary};
+pub use summary::{Count, Note, Skipped, Summary};
 
 /// An error and its causes on one line, for lists of what was left out.
 fn chain(error: &dyn std::error::Error) -> String {
