@@ -5,6 +5,7 @@
 //! | [`dataset`] | the one file a training run reads: joints, features, captions, splits, hashes |
 //! | [`import`] | BVH, HumanML3D arrays and the motion-capture pack into a dataset |
 //! | [`motion`] | skeleton tables, HumanML3D features from joints and back, mirroring, resampling |
+//! | [`input`] | files read whole, with an end to it |
 //! | [`output`] | files that appear whole or not at all |
 //! | [`parallel`] | work on all cores |
 //! | [`checkpoint`] | tokenizer checkpoints: MoMask, T2M-GPT and our own, from safetensors or torch containers |
@@ -38,6 +39,7 @@ pub mod dataset;
 pub mod device;
 pub mod export;
 pub mod import;
+pub mod input;
 pub mod inspect;
 pub mod metrics;
 pub mod motion;

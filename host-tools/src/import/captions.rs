@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::dataset::Caption;
+use crate::input;
 
 /// Why a caption file cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -34,7 +35,7 @@ pub enum Error {
 /// # Errors
 /// [`Error`], naming the file and the line.
 pub fn read(path: &Path, source: &str) -> Result<Vec<Caption>, Error> {
-    let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let bytes = input::read(path, input::WRITTEN).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     let text = String::from_utf8_lossy(&bytes);
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     lines

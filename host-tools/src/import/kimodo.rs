@@ -20,8 +20,8 @@ use std::path::{Path, PathBuf};
 use motionette::{Anchor, Joint, Target};
 use serde_json::{Map, Value};
 
-use crate::anchors_file;
 use crate::motion::FPS;
+use crate::{anchors_file, input};
 
 /// Frames a second of Kimodo's models.
 pub const KIMODO_FPS: f64 = 30.0;
@@ -140,7 +140,8 @@ pub struct Imported {
 /// # Errors
 /// [`Error::Read`], else as [`parse`].
 pub fn read(path: &Path, fps: f64, every: f64) -> Result<Imported, Error> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let text =
+        input::read_text(path, input::WRITTEN).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     parse(&text, fps, every)
 }
 

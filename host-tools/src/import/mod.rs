@@ -1,6 +1,5 @@
 //! Recordings in, dataset out; constraint files in, anchors out.
 
-pub mod bounded;
 pub mod bvh;
 pub mod captions;
 pub mod collect;

@@ -228,7 +228,7 @@ impl<'a> Body<'a> {
             (None, None) => {
                 let neck = self.children(chest).find(|&joint| !self.joints[joint].end_site && !self.limbs[joint])?;
                 // The spine's own name going on (spine.004, spine.005, spine.006), not a face.
-                let stem = |joint: usize| names::words(&self.joints[joint].name).into_iter().next();
+                let stem = |joint: usize| names::stem(&self.joints[joint].name);
                 let next = |joint: usize| {
                     self.children(joint).find(|&child| !self.joints[child].end_site && stem(child) == stem(neck))
                 };

@@ -8,12 +8,9 @@ use serde_json::Value;
 
 use super::names::plain;
 use super::{Bvh, Problem, Unit};
-use crate::import::bounded;
+use crate::input;
 use crate::motion::quaternion::{self as q, Vector};
 use crate::motion::{JOINTS, skeleton};
-
-/// Bytes of a mapping file at most: 22 lines.
-const LARGEST_FILE: u64 = 1 << 20;
 
 /// Where a SMPL joint comes from: in JSON a joint's name, or an object with `from`, `to` and `at`. The End Site of a joint is called
 /// after it: `LeftToeBase End Site`.
@@ -176,7 +173,7 @@ impl Mapping {
     /// # Errors
     /// [`MappingError`], naming the file and the joints.
     pub fn read(path: &Path) -> Result<Self, MappingError> {
-        let text = bounded::read_text(path, LARGEST_FILE)
+        let text = input::read_text(path, input::WRITTEN)
             .map_err(|source| MappingError::Read { path: path.to_path_buf(), source })?;
         let mapping: Self =
             serde_json::from_str(&text).map_err(|source| MappingError::Form { path: path.to_path_buf(), source })?;

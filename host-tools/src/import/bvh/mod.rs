@@ -29,7 +29,7 @@ pub use mapping::{Mapping, MappingError, Source, Up};
 pub use parse::parse;
 pub use unit::Unit;
 
-use super::bounded;
+use crate::input;
 use crate::motion::Pose;
 use choice::Choice;
 
@@ -116,7 +116,7 @@ pub struct Recording {
 /// [`Error`], naming the file, the line and what to do.
 pub fn load(path: &Path, reading: &Reading) -> Result<Recording, Error> {
     let at = |line: usize, problem: Problem| Error { path: path.to_path_buf(), line, problem };
-    let bytes = bounded::read(path, LARGEST_FILE).map_err(|source| at(0, Problem::Read(source)))?;
+    let bytes = input::read(path, LARGEST_FILE).map_err(|source| at(0, Problem::Read(source)))?;
     let bvh = parse(&encoding::text(&bytes)).map_err(|(line, problem)| at(line, problem))?;
     let choice = Choice::of(&bvh, reading).map_err(|problem| at(0, problem))?;
     let frames = resample::to_20_fps(&bvh, choice.first);

@@ -124,8 +124,13 @@ pub(super) fn plain(name: &str) -> &str {
     name.rsplit([':', '|']).next().unwrap_or(name)
 }
 
+/// A name without its numbers: what the joints of a chain have in common.
+pub(super) fn stem(name: &str) -> Vec<String> {
+    words(name).into_iter().filter(|word| !is_number(word)).collect()
+}
+
 /// A name in lower-case words; digits are words of their own.
-pub(super) fn words(name: &str) -> Vec<String> {
+fn words(name: &str) -> Vec<String> {
     let letters: Vec<char> = plain(name).chars().collect();
     let mut words: Vec<String> = Vec::new();
     let mut open = false;
