@@ -91,7 +91,12 @@ impl Choice {
 fn no_mapping(bvh: &Bvh, unclear: &[&str], closest: Option<&(Mapping, Vec<String>)>) -> Problem {
     let (closest, missing) =
         closest.map_or_else(Default::default, |(table, missing)| (table.name.clone(), missing.join(", ")));
-    Problem::NoMapping { unclear: unclear.join(", "), closest, missing, present: mapping::present(bvh) }
+    Problem::NoMapping {
+        unclear: unclear.join(", ").into(),
+        closest: closest.into(),
+        missing,
+        present: mapping::present(bvh),
+    }
 }
 
 /// z where the body stands along it both at rest and in the motion; lying bodies and twisted rest poses keep y.

@@ -164,9 +164,9 @@ pub enum Problem {
     )]
     NoMapping {
         /// Parts of the body that no name tells.
-        unclear: String,
+        unclear: Box<str>,
         /// Name of the closest table.
-        closest: String,
+        closest: Box<str>,
         /// Joints of the file it looks for in vain.
         missing: String,
         /// Joints of the file.
