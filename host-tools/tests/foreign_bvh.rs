@@ -450,6 +450,36 @@ fn names_that_say_nothing_are_refused_with_what_is_unclear() {
     assert!(matches!(refused(many.concat()), Problem::NoMapping { .. }));
 }
 
+/// Names in the wrong places: necks below feet, two pelvises, hands above arms.
+#[test]
+fn shuffled_names_are_read_or_refused() {
+    let mut random = Random(10);
+    let texts: Vec<String> = foreign().iter().map(|scheme| scheme.moved(2, 30.0, &mut random).text).collect();
+    let (mut taken, mut refusals) = (0, 0);
+    for case in 0..600 {
+        let mut lines: Vec<String> = texts[case % texts.len()].lines().map(str::to_owned).collect();
+        let named: Vec<usize> = (1..lines.len()).filter(|&i| lines[i].starts_with("JOINT")).collect();
+        for _ in 0..=random.bits() % 6 {
+            let [a, b] = [(); 2].map(|()| named[(random.bits() % named.len() as u64) as usize]);
+            lines.swap(a, b);
+            if random.bits().is_multiple_of(4) {
+                lines[a] = lines[b].clone();
+            }
+        }
+        match load(&file(lines.join("\n") + "\n").path, &Reading::default()) {
+            Ok(recording) => {
+                assert!(recording.joints.iter().flatten().flatten().all(|x| x.is_finite()), "case {case}");
+                taken += 1;
+            }
+            Err(error) => {
+                assert!(!error.problem.to_string().is_empty(), "case {case}");
+                refusals += 1;
+            }
+        }
+    }
+    assert!(taken > 50 && refusals > 50, "{taken} {refusals}");
+}
+
 #[test]
 fn encodings_and_ends_of_lines_of_other_systems_are_read() {
     let text = MIXAMO.moved(3, 30.0, &mut Random(6)).text;
