@@ -21,7 +21,6 @@ use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob_file::BlobFile;
 use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};
-use motionette_host::cli::RecordingOptions;
 use motionette_host::convert::AlignedBlob;
 use motionette_host::motion::Pose;
 use motionette_host::reference::{Prior, Road};
@@ -59,7 +58,7 @@ pub struct Cmd {
     #[arg(long, value_name = "FILE")]
     bvh: Option<PathBuf>,
     #[command(flatten)]
-    recording: RecordingOptions,
+    recording: motionette_host::cli::RecordingOptions,
     /// Anchors (docs/anchors.md); none, or those of a bundled motion, if nothing is said.
     #[arg(long, value_name = "FILE.json")]
     anchors: Option<PathBuf>,

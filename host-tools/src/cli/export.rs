@@ -9,7 +9,7 @@ use motionette::playback::Robot;
 use serde_json::{Value, json};
 
 use super::making::Making;
-use super::{RecordingOptions, say};
+use super::say;
 use crate::export::{bvh, glb, servo};
 use crate::motion::{FPS, Pose, skeleton};
 use crate::output::write_atomic;
@@ -58,7 +58,7 @@ pub(super) struct Source {
     ])]
     bvh: Option<PathBuf>,
     #[command(flatten)]
-    recording: RecordingOptions,
+    recording: super::RecordingOptions,
 }
 
 /// File formats.

@@ -35,7 +35,7 @@ pub enum Error {
 /// # Errors
 /// [`Error`], naming the file and the line.
 pub fn read(path: &Path, source: &str) -> Result<Vec<Caption>, Error> {
-    let bytes = input::read(path, input::WRITTEN).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let bytes = input::read(path, input::ANY).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     let text = String::from_utf8_lossy(&bytes);
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     lines

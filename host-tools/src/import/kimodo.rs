@@ -20,8 +20,9 @@ use std::path::{Path, PathBuf};
 use motionette::{Anchor, Joint, Target};
 use serde_json::{Map, Value};
 
+use crate::anchors_file;
+use crate::input;
 use crate::motion::FPS;
-use crate::{anchors_file, input};
 
 /// Frames a second of Kimodo's models.
 pub const KIMODO_FPS: f64 = 30.0;
