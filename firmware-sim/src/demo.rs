@@ -36,6 +36,10 @@ use std::time::Instant;
 ///
 /// Example: motionette-sim --text "a tired person waves the right hand" --seconds 5 --anchors anchors.json
 #[derive(Debug, Args)]
+#[command(
+    mut_arg("mapping", |arg| arg.requires("bvh").conflicts_with_all(["text", "clip"])),
+    mut_arg("unit", |arg| arg.requires("bvh").conflicts_with_all(["text", "clip"]))
+)]
 pub struct Cmd {
     /// What the body is to do, in words. If nothing is said: a prompt and anchors that come with the simulator.
     #[arg(long, value_name = "PROMPT", conflicts_with_all = ["clip", "bvh"])]
@@ -55,6 +59,8 @@ pub struct Cmd {
     /// Your own recording instead of a prompt; it is encoded first.
     #[arg(long, value_name = "FILE")]
     bvh: Option<PathBuf>,
+    #[command(flatten)]
+    recording: motionette_host::cli::RecordingOptions,
     /// Anchors (docs/anchors.md); none, or those of a bundled motion, if nothing is said.
     #[arg(long, value_name = "FILE.json")]
     anchors: Option<PathBuf>,
@@ -283,7 +289,9 @@ impl Cmd {
     fn source(&self, checkpoint: &TokenizerCheckpoint, model: &Model<'_>) -> anyhow::Result<Source> {
         let mut source = match (&self.text, &self.bvh, &self.clip) {
             (Some(text), _, _) => source::prompt(text),
-            (None, Some(path), _) => source::recording(path, checkpoint, model.max_tokens())?,
+            (None, Some(path), _) => {
+                source::recording(path, &self.recording.reading()?, checkpoint, model.max_tokens())?
+            }
             (None, None, Some(name)) => source::bundled(Some(name))?,
             (None, None, None) => source::default_job(model.frame_rate())?,
         };

@@ -4,7 +4,7 @@ use crate::sample_clips::SampleClips;
 use anyhow::Context;
 use motionette::{Anchor, Anchors, Joint};
 use motionette_host::checkpoint::TokenizerCheckpoint;
-use motionette_host::import::bvh;
+use motionette_host::import::bvh::{self, Reading};
 use motionette_host::motion::{FEATURES, Pose, features};
 use motionette_host::reference::Tokenizer;
 use motionette_host::reference::bridge::runtime_token;
@@ -86,14 +86,20 @@ pub fn bundled(id: Option<&str>) -> anyhow::Result<Source> {
 ///
 /// # Errors
 /// When it cannot be read, is no body, or is too short.
-pub fn recording(path: &Path, checkpoint: &TokenizerCheckpoint, max_tokens: usize) -> anyhow::Result<Source> {
-    let recording = bvh::load(path, None)?;
+pub fn recording(
+    path: &Path,
+    reading: &Reading,
+    checkpoint: &TokenizerCheckpoint,
+    max_tokens: usize,
+) -> anyhow::Result<Source> {
+    let recording = bvh::load(path, reading)?;
     let processed = features::process(&recording.joints, &features::Options::default())
         .with_context(|| format!("{}: no features can be extracted", path.display()))?;
     let per_token = checkpoint.config.frames_per_token();
     let frames = processed.joints.len().min(max_tokens * per_token) / per_token * per_token;
     let mut notes =
-        vec![format!("read with the {} joint names, {} frames at 20 fps", recording.mapping, processed.joints.len())];
+        vec![format!("joints by the mapping {}, {} frames at 20 fps", recording.mapping, processed.joints.len())];
+    notes.extend(recording.notes);
     if processed.joints.len() > max_tokens * per_token {
         notes.push(format!("cut to the model's longest motion, {frames} frames"));
     }

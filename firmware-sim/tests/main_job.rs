@@ -196,12 +196,18 @@ fn text_seed_length_steps_and_guidance_decide_the_motion() {
 fn a_written_motion_can_be_read_back_as_a_recording() {
     let (out, figures) = default_job();
     let bvh = out.path().join("results/motion.bvh").to_string_lossy().into_owned();
-    let output = simulate(&["--json", "--bvh", &bvh, "--refinement", "off", "--out", &path(&out, "again")]);
+    let output =
+        simulate(&["--json", "--bvh", &bvh, "--unit", "cm", "--refinement", "off", "--out", &path(&out, "again")]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let again = last_line(&output);
     assert_eq!(again["anchors"], 0);
     let frames = |v: &Value| v["frames"].as_f64().unwrap_or_default();
     assert!((frames(&again) - frames(&figures)).abs() <= 4.0, "{again}");
+    // A body of 170 m.
+    let output = simulate(&["--bvh", &bvh, "--unit", "m", "--out", &path(&out, "giant")]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && text.contains("give --unit cm"), "{text}");
+    assert!(!out.path().join("giant").exists());
 }
 
 #[test]
@@ -291,6 +297,10 @@ fn bad_input_says_what_where_and_what_to_do_and_leaves_nothing_behind() {
         (&["--anchors", "missing.json"], "missing.json"),
         (&["--bvh", &no_body], "no_body.bvh"),
         (&["--bvh", "missing.bvh"], "missing.bvh"),
+        (&["--bvh", &no_body, "--mapping", "missing.json"], "missing.json"),
+        (&["--bvh", &no_body, "--unit", "furlong"], "m, cm, mm, inch"),
+        (&["--unit", "cm"], "--bvh"),
+        (&["--text", "a person walks", "--mapping", "map.json"], "cannot be used with"),
         (&["--blob", &no_blob], "no motionette blob"),
         (&["--blob", "missing.blob"], "missing.blob"),
         (&["--checkpoint", "missing.safetensors"], "missing.safetensors"),

@@ -50,7 +50,7 @@ fn compare(
     let (mut sum, mut count, mut worst) = (0.0, 0usize, (0.0f64, String::new()));
     for (&index, member) in chosen.iter().zip(&members) {
         let line = &lines[index];
-        let recording = bvh::load(&place.path().join(member), None).unwrap();
+        let recording = bvh::load(&place.path().join(member), &bvh::Reading::default()).unwrap();
         assert_eq!(recording.mapping, mapping);
         let range = line["start"].as_u64().unwrap() as usize..line["end"].as_u64().unwrap() as usize;
         let (ours, theirs) = (placed(&recording.joints[range]), placed(&recordings[index].joints));

@@ -8,8 +8,8 @@ use common::motions::{random_motion, standing};
 use motionette::JOINTS;
 use motionette::playback::line::line_bytes;
 use motionette::playback::{Mapper, Robot, reach};
-use motionette_host::export::{glb, servo, write_bvh};
-use motionette_host::import;
+use motionette_host::export::{bvh, glb, servo};
+use motionette_host::import::{self, bvh::Reading};
 use motionette_host::motion::{Pose, skeleton};
 use motionette_host::robot_file::{self, PRESETS, load};
 use motionette_host::servos::{Fit, Timeline};
@@ -315,7 +315,7 @@ fn the_program_exports_a_recording_in_every_format() {
     let bench = Bench::new();
     let motion = random_motion(&mut Random(2), 50, 0.2);
     let mut text = Vec::new();
-    write_bvh(&motion, 0.05, &mut text).expect("written");
+    bvh::write_positions(&motion, 0.05, &mut text).expect("written");
     bench.write("m.bvh", &text);
     bench.write("a.json", br#"{"anchors": [{"frame": 20, "joint": "left_wrist", "position": [0.5, 1.0, 0.4]}]}"#);
     let made = bench.succeeds(
@@ -323,7 +323,8 @@ fn the_program_exports_a_recording_in_every_format() {
     );
     assert_eq!((&made["frames"], &made["tick_rate"], &made["robot"]), (&50.into(), &50.into(), &"upper-body".into()));
     let robot = load("upper-body").expect("a preset");
-    let timeline = Timeline::of(&robot, &import::bvh::load(&bench.path("m.bvh"), None).expect("read").joints, 20);
+    let timeline =
+        Timeline::of(&robot, &import::bvh::load(&bench.path("m.bvh"), &Reading::default()).expect("read").joints, 20);
     let timeline = timeline.expect("played");
     let table = std::fs::read(bench.path("o.csv")).expect("a table");
     let angles = columns(&table, &named(&robot, "deg"));
@@ -340,14 +341,27 @@ fn the_program_exports_a_recording_in_every_format() {
     let figure = |key: &str| made[key].as_f64().expect(key);
     assert!((figure("control_error_cm") - off(&motion[20])).abs() < 0.01);
     assert!((figure("servo_control_error_cm") - off(&at)).abs() < 0.01, "{made} {}", off(&at));
-    let back = import::bvh::load(&bench.path("o.bvh"), None).expect("read back").joints;
-    assert!(back.iter().zip(&motion).all(|(a, b)| (0..JOINTS).all(|j| distance(a[j], b[j]) < 1e-4)));
+    let back = import::bvh::load(&bench.path("o.bvh"), &Reading::default()).expect("read back").joints;
+    let off: Vec<f64> =
+        back.iter().flatten().zip(motion.iter().flatten()).map(|(a, b)| 100.0 * distance(*a, *b)).collect();
+    assert!((figure("rigid_mean_cm") - off.iter().sum::<f64>() / off.len() as f64).abs() < 1e-3, "{made}");
+    assert!((figure("rigid_largest_cm") - off.iter().copied().fold(0.0, f64::max)).abs() < 1e-3, "{made}");
+    let exact = bench.succeeds("export --bvh m.bvh --positions -o p.bvh");
+    let back = import::bvh::load(&bench.path("p.bvh"), &Reading::default()).expect("read back").joints;
+    assert!(back.iter().zip(&motion).all(|(a, b)| (0..JOINTS).all(|j| distance(a[j], b[j]) < 1e-5)));
+    assert!(exact["rigid_mean_cm"].is_null(), "{exact}");
+    bench.fails(
+        &["export", "--bvh", "m.bvh", "--positions", "--format", "glb", "-o", "x"],
+        &["--positions is for .bvh"],
+    );
     gltf::Gltf::from_slice(&std::fs::read(bench.path("o.glb")).expect("a file")).expect("a document");
     bench.fails(&["export", "--bvh", "m.bvh", "-o", "x"], &["names no format", ".csv"]);
     bench.fails(&["export", "--bvh", "m.bvh", "--format", "csv", "-o", "x"], &["give --robot", "upper-body, desk"]);
     bench.fails(&["export", "--bvh", "m.bvh", "--robot", "dsk", "--format", "rs", "-o", "x"], &["no robot \"dsk\""]);
     bench.misused("export --bvh m.bvh --seed 3 --robot desk -o x", "--seed");
     bench.misused("export --robot desk -o x", "--text");
+    bench.misused("export --blob b --text t --unit cm -o x", "--unit");
+    bench.misused("robot fit desk --blob b --text t --mapping m.json", "--mapping");
     bench.misused("generate --text x -o x", "--blob");
 }
 

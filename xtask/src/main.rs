@@ -36,6 +36,8 @@ enum Task {
     Firmware,
     /// Builds and tests the C library and runs its example on QEMU's Cortex-M4F; the desktop must print the same.
     C(steps::c::Options),
+    /// Lets three.js, bvhio and Khronos' glTF validator read what is exported and writes the fixture of the test `readers`.
+    Readers,
 }
 
 fn main() -> ExitCode {
@@ -46,6 +48,7 @@ fn main() -> ExitCode {
         Task::Bench(options) => steps::bench::run(&options),
         Task::Firmware => firmware::build_all().map(drop),
         Task::C(options) => steps::c::run(&options),
+        Task::Readers => steps::readers::run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

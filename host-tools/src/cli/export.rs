@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use clap::{ArgGroup, Args, ValueEnum};
 use motionette::Anchor;
 use motionette::playback::Robot;
@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 
 use super::generate_args::GenerateArgs;
 use super::say;
-use crate::export::{glb, servo, write_bvh};
-use crate::motion::{FPS, Pose};
+use crate::export::{bvh, glb, servo};
+use crate::motion::{FPS, Pose, skeleton};
 use crate::output::write_atomic;
 use crate::servos::Timeline;
 use crate::{anchors_file, import, metrics, robot_file};
@@ -37,10 +37,18 @@ pub(super) struct Cmd {
     /// Format of the files, whatever their endings.
     #[arg(long, value_enum)]
     format: Option<Format>,
+    /// Write the place of every joint into .bvh files, which gives the joints back exactly. Without it bones are rigid, as animation
+    /// programs expect, and how far they leave the joints is printed.
+    #[arg(long)]
+    positions: bool,
 }
 
 /// Where a motion comes from.
 #[derive(Debug, Args)]
+#[command(
+    mut_arg("mapping", |arg| arg.conflicts_with_all(["text", "prompt"])),
+    mut_arg("unit", |arg| arg.conflicts_with_all(["text", "prompt"]))
+)]
 pub(super) struct Source {
     #[command(flatten)]
     args: GenerateArgs,
@@ -49,6 +57,8 @@ pub(super) struct Source {
         "blob", "seconds", "seed", "steps", "schedule", "guidance", "sampling", "temperature", "top_k", "top_p", "unconditioned"
     ])]
     bvh: Option<PathBuf>,
+    #[command(flatten)]
+    recording: super::RecordingOptions,
 }
 
 /// File formats.
@@ -83,7 +93,10 @@ impl Source {
             let made = self.args.make()?;
             return Ok(Moved { frames: made.frames, frame_rate: made.frame_rate, anchors: made.anchors });
         };
-        let frames = import::bvh::load(path, None)?.joints;
+        let import::bvh::Recording { joints: frames, mapping, notes, .. } =
+            import::bvh::load(path, &self.recording.reading()?)?;
+        say(&format!("{}: joints by the mapping {mapping}", path.display()));
+        notes.iter().for_each(|note| say(&format!("note: {note}")));
         let anchors = self.args.anchors()?;
         anchors_file::check(&anchors, frames.len()).context("checking the anchors")?;
         Ok(Moved { frames, frame_rate: FPS as u16, anchors })
@@ -119,6 +132,8 @@ impl Cmd {
             let presets = robot_file::preset_names();
             return Err(anyhow!("{} is for servos: give --robot ({presets}, or a file)", path.display()));
         }
+        let writes_bvh = outputs.iter().any(|(_, format)| *format == Format::Bvh);
+        ensure!(writes_bvh || !self.positions, "--positions is for .bvh files, and none is to be written");
         let motion = self.source.motion()?;
         let Moved { frames, frame_rate, anchors } = &motion;
         let seconds = frames.len() as f64 / f64::from(*frame_rate);
@@ -127,10 +142,19 @@ impl Cmd {
             robot.map(|robot| Timeline::of(&robot, frames, *frame_rate).map(|timeline| Played { robot, timeline }));
         let played = played.transpose().context("playing the motion")?;
         for (path, format) in &outputs {
-            write(path, *format, &motion, played.as_ref())?;
+            write(path, *format, &motion, played.as_ref(), self.positions)?;
             say(&format!("{}", path.display()));
         }
         let centimetres = |metres: f64| 100.0 * metres;
+        let rigid = (writes_bvh && !self.positions).then(|| bvh::rigid_deviation(frames));
+        if let Some(bvh::Deviation { mean, largest, frame, joint }) = rigid {
+            say(&format!(
+                "rigid bones leave the motion's joints by {:.2} cm on average, {:.2} cm at most ({}, frame {frame})",
+                centimetres(mean),
+                centimetres(largest),
+                skeleton::NAMES[joint]
+            ));
+        }
         let control = metrics::control_error(frames, anchors).map(centimetres);
         let mut report = json!({
             "outputs": self.outputs.iter().map(|path| super::shown(path)).collect::<Vec<_>>(),
@@ -138,6 +162,8 @@ impl Cmd {
             "seconds": seconds,
             "anchors": anchors.len(),
             "control_error_cm": control,
+            "rigid_mean_cm": rigid.map(|deviation| centimetres(deviation.mean)),
+            "rigid_largest_cm": rigid.map(|deviation| centimetres(deviation.largest)),
         });
         if let Some(Played { robot, timeline }) = &played {
             let servo = timeline.control_error(robot, frames, *frame_rate, anchors).map(centimetres);
@@ -168,10 +194,11 @@ impl Cmd {
     }
 }
 
-fn write(path: &Path, format: Format, motion: &Moved, played: Option<&Played>) -> Result<()> {
+fn write(path: &Path, format: Format, motion: &Moved, played: Option<&Played>, positions: bool) -> Result<()> {
     let frame_time = 1.0 / f64::from(motion.frame_rate);
     let result = match (format, played) {
-        (Format::Bvh, _) => write_atomic(path, |w| write_bvh(&motion.frames, frame_time, w)),
+        (Format::Bvh, _) if positions => write_atomic(path, |w| bvh::write_positions(&motion.frames, frame_time, w)),
+        (Format::Bvh, _) => write_atomic(path, |w| bvh::write_bvh(&motion.frames, frame_time, w)),
         (Format::Glb, _) => write_atomic(path, |w| glb::write_glb(&motion.frames, frame_time, w)),
         (_, None) => return Err(anyhow!("{} is for servos: give --robot", path.display())),
         (Format::Csv, Some(played)) => write_atomic(path, |w| servo::write_csv(&played.timeline, w)),

@@ -6,12 +6,11 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
-use super::{bar, say};
+use super::{RecordingOptions, bar, say};
 use crate::anchors_file;
 use crate::dataset::{Dataset, Split};
-use crate::import::bvh::Mapping;
 use crate::import::collect::SplitChoice;
-use crate::import::{Summary, humanml, kimodo, pack, recordings};
+use crate::import::{Note, Summary, humanml, kimodo, pack, recordings};
 use crate::motion::features::{Bones, Options};
 
 /// Reads recordings and writes one dataset file: joints, features, captions, splits, hashes. Reads other programs' constraints and writes
@@ -87,9 +86,8 @@ struct Bvh {
     /// Files, or folders that are searched for .bvh.
     #[arg(required = true)]
     paths: Vec<PathBuf>,
-    /// Which joints of the files are which of the 22; without it the built-in tables are tried.
-    #[arg(long, value_name = "FILE.json")]
-    mapping: Option<PathBuf>,
+    #[command(flatten)]
+    recording: RecordingOptions,
     #[command(flatten)]
     labels: Labels,
     #[command(flatten)]
@@ -97,12 +95,14 @@ struct Bvh {
 }
 
 const MAPPING_HELP: &str = "\
-A mapping file gives a name, the metres a unit of the file, and for each of the 22 SMPL joints a joint of the file or a point \
-between two; `up` (\"y\" or \"z\") and `drop_frames` (a rest pose at the beginning) may be left out:
-  {\"name\": \"mine\", \"unit\": 0.01, \"up\": \"y\", \"drop_frames\": 0, \"joints\": {
-    \"pelvis\": \"Hips\", \"spine1\": {\"from\": \"Hips\", \"to\": \"Chest\", \"at\": 0.4}, ... }}
-Joints: pelvis, spine1, spine2, spine3, neck, head; left_ and right_ hip, knee, ankle, foot, collar, shoulder, elbow, wrist.
-Built in: bandai-namco, iclone, cmu-cgspeed, mixamo, lafan1.";
+A mapping file gives a name, and for each of the 22 SMPL joints a joint of the file or a point between two; `unit` (m, cm, mm, inch, \
+or the metres of a unit), `up` (\"y\" or \"z\") and `drop_frames` (a rest pose at the beginning) may be left out:
+  {\"name\": \"mine\", \"unit\": \"cm\", \"up\": \"y\", \"drop_frames\": 0, \"joints\": {
+    \"pelvis\": \"Hips\", \"spine1\": {\"from\": \"Hips\", \"to\": \"Chest\", \"at\": 0.4}, \"left_foot\": \"LeftFoot End Site\", ... }}
+Joints: pelvis, spine1, spine2, spine3, neck, head; left_ and right_ hip, knee, ankle, foot, collar, shoulder, elbow, wrist. The End \
+Site of a joint is called after it.
+Built in: bandai-namco, iclone, cmu-cgspeed, mixamo, lafan1. Without a table that fits, joints are found by their names as many \
+programs write them (CMU, Xsens, HumanIK, SMPL, Daz, Poser, 3ds Max, Unreal, Rigify, ...), and what was found is printed.";
 
 /// A folder in HumanML3D's layout: new_joint_vecs, new_joints, texts, train.txt, val.txt, test.txt.
 ///
@@ -185,11 +185,11 @@ impl Cmd {
                     .with_context(|| format!("importing the pack in {}", folder.display()))?;
                 (common, result)
             }
-            Source::Bvh(Bvh { paths, mapping, labels, common }) => {
-                let mapping = mapping.as_deref().map(Mapping::read).transpose()?;
+            Source::Bvh(Bvh { paths, recording, labels, common }) => {
+                let reading = recording.reading()?;
                 let (options, shortest) = (common.options(), common.shortest as usize);
                 let Labels { subset, split, skip_bad } = labels;
-                let request = recordings::Request { paths, mapping, subset, split, shortest, skip_bad, options };
+                let request = recordings::Request { paths, reading, subset, split, shortest, skip_bad, options };
                 (common, recordings::import(&request, &progress)?)
             }
             Source::Humanml(HumanMl { folder, labels, common }) => {
@@ -215,6 +215,10 @@ impl Common {
 
     /// Writes the dataset and says what is in it.
     fn finish(&self, dataset: &Dataset, summary: &Summary) -> Result<Value> {
+        for Note { text, first, clips } in &summary.notes {
+            let others = if *clips > 1 { format!(" and {} more", clips - 1) } else { String::new() };
+            say(&format!("note: {first}{others}: {text}"));
+        }
         for skipped in &summary.skipped {
             say(&format!("left out {}: {}", skipped.id, skipped.reason));
         }
@@ -234,6 +238,7 @@ impl Common {
             "total": total,
             "parts": summary.parts,
             "skipped": summary.skipped,
+            "notes": summary.notes,
         }))
     }
 }

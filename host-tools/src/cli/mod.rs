@@ -16,6 +16,7 @@ mod inspect;
 mod model;
 mod plan;
 mod progress;
+mod recording;
 mod recover;
 mod robot;
 mod verify;
@@ -28,6 +29,7 @@ use serde_json::{Value, json};
 
 use crate::console::{self, say};
 pub use progress::bar;
+pub use recording::RecordingOptions;
 
 /// Motion generation for robots: data in, models converted and checked, motion out.
 #[derive(Debug, Parser)]

@@ -4,14 +4,22 @@
 //! [`crate::import::bvh`] recognise, in centimetres, y up. Its rest pose is a T-pose with the motion's own mean bone lengths;
 //! [the parent module](super) says how rotations are chosen.
 //!
-//! Bones of a generated motion change their length by some millimetres. So every joint has position channels, which replace its
-//! OFFSET: what they say is the joint's place in its parent's rotated frame, and the file gives the positions back exactly, up to its
-//! five decimals (0.1 micrometres, 0.00001 degrees).
+//! Readers of BVH disagree about a joint that has both an OFFSET and position channels: some replace the one by the other (Blender,
+//! `bvhio`, [`crate::import::bvh`]), some add them (three.js). Both forms written here read alike everywhere:
+//!
+//! | function | bones | OFFSET | position channels |
+//! |---|---|---|---|
+//! | [`write_bvh`] | rigid, as animation programs expect | the bones' vectors; zero for the root | the root's |
+//! | [`write_positions`] | stretch with the motion's | zero | every joint's: its place in its parent's rotated frame |
+//!
+//! Bones of a generated motion change their length by some millimetres, so rigid ones leave its joints a little ([`rigid_deviation`]);
+//! each points from where it begins to the motion's joint, which keeps hands and feet nearer than the motion's directions would.
+//! Positions give the joints back up to the file's five decimals (0.1 micrometres, 0.00001 degrees), but have no rest pose to show.
 
 use std::io::{self, Write};
 
 use super::euler;
-use super::rig::{self, Rig, children};
+use super::rig::{self, Bones, Rig, children};
 use crate::motion::quaternion::{self as q, Vector};
 use crate::motion::{JOINTS, Pose};
 
@@ -51,7 +59,21 @@ const END_SITES: [(usize, Vector); 5] = [
 ];
 
 const CENTIMETRES: f64 = 100.0;
-/// Writes a motion as BVH text.
+
+/// How far the joints of a file with rigid bones are from those of the motion, metres.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Deviation {
+    /// Mean over all joints and frames.
+    pub mean: f64,
+    /// The largest.
+    pub largest: f64,
+    /// Frame of the largest.
+    pub frame: usize,
+    /// Joint of the largest, index into [`crate::motion::skeleton::NAMES`].
+    pub joint: usize,
+}
+
+/// Writes a motion as BVH text with rigid bones.
 ///
 /// `joints` are global positions, metres, y up; `frame_time` is in seconds (0.05 for 20 frames a second). Memory does not grow with
 /// the number of frames; each row is written as soon as it is known. Give it a buffered writer, as
@@ -61,20 +83,49 @@ const CENTIMETRES: f64 = 100.0;
 /// [`io::ErrorKind::InvalidInput`] before anything is written when there are no frames, `frame_time` is not a positive number, or a
 /// position is not finite (named by frame and joint); else what `out` fails with.
 pub fn write_bvh(joints: &[Pose], frame_time: f64, out: &mut dyn Write) -> io::Result<()> {
+    write(joints, frame_time, Bones::Rigid, out)
+}
+
+/// The same with position channels on every joint, which give the motion's joints back exactly.
+///
+/// # Errors
+/// As [`write_bvh`].
+pub fn write_positions(joints: &[Pose], frame_time: f64, out: &mut dyn Write) -> io::Result<()> {
+    write(joints, frame_time, Bones::Stretching, out)
+}
+
+/// What rigid bones cost in a file of [`write_bvh`]. Zeros for a motion without frames.
+pub fn rigid_deviation(joints: &[Pose]) -> Deviation {
+    let rig = Rig::of(joints);
+    let mut deviation = Deviation::default();
+    for (frame, pose) in joints.iter().enumerate() {
+        let places = rig.pose(pose, Bones::Rigid).places;
+        for (joint, (place, wanted)) in places.into_iter().zip(pose).enumerate() {
+            let distance = q::length(q::subtract(place, wanted.map(f64::from)));
+            deviation.mean += distance / (joints.len() * JOINTS) as f64;
+            if distance > deviation.largest {
+                deviation = Deviation { largest: distance, frame, joint, ..deviation };
+            }
+        }
+    }
+    deviation
+}
+
+fn write(joints: &[Pose], frame_time: f64, bones: Bones, out: &mut dyn Write) -> io::Result<()> {
     rig::check(joints, frame_time)?;
     let rig = Rig::of(joints);
-    let rest = rig.rest.map(|offset| q::scale(offset, CENTIMETRES));
     writeln!(out, "HIERARCHY")?;
-    joint(0, 0, &rest, out)?;
+    joint(0, 0, &rig, bones, out)?;
     // Seven decimals keep 1/30 s apart from 0.0333 s.
     writeln!(out, "MOTION\nFrames: {}\nFrame Time: {frame_time:.7}", joints.len())?;
     let mut angles = [[0.0; 3]; JOINTS];
     for pose in joints {
-        let locals = rig.locals(pose);
+        let locals = rig.pose(pose, bones).locals;
         for &j in &FILE_ORDER {
-            let (position, rotation) = locals[j];
+            let (place, rotation) = locals[j];
             angles[j] = euler::zxy(rotation, angles[j]);
-            for (i, value) in q::scale(position, CENTIMETRES).into_iter().chain(angles[j]).enumerate() {
+            let place = has_position(j, bones).then(|| q::scale(place, CENTIMETRES));
+            for (i, value) in place.into_iter().flatten().chain(angles[j]).enumerate() {
                 let space = if j == 0 && i == 0 { "" } else { " " };
                 write!(out, "{space}{:.5}", unsigned_zero(value))?;
             }
@@ -82,6 +133,10 @@ pub fn write_bvh(joints: &[Pose], frame_time: f64, out: &mut dyn Write) -> io::R
         writeln!(out)?;
     }
     Ok(())
+}
+
+fn has_position(joint: usize, bones: Bones) -> bool {
+    joint == 0 || bones == Bones::Stretching
 }
 
 /// Joints in the order of the hierarchy's text: depth first.
@@ -93,14 +148,18 @@ fn unsigned_zero(value: f64) -> f64 {
 }
 
 /// The block of a joint and all below it. The recursion is as deep as the body: nine joints.
-fn joint(j: usize, depth: usize, rest: &[Vector; JOINTS], out: &mut dyn Write) -> io::Result<()> {
+fn joint(j: usize, depth: usize, rig: &Rig, bones: Bones, out: &mut dyn Write) -> io::Result<()> {
     let indent = "\t".repeat(depth);
-    let [x, y, z] = rest[j].map(unsigned_zero);
+    let placed = has_position(j, bones);
+    // Where position channels follow, only zero reads alike for those who add and those who replace.
+    let offset = if placed { [0.0; 3] } else { q::scale(rig.rest[j], CENTIMETRES) };
+    let [x, y, z] = offset.map(unsigned_zero);
+    let channels = if placed { "6 Xposition Yposition Zposition" } else { "3" };
     writeln!(out, "{indent}{} {}", if j == 0 { "ROOT" } else { "JOINT" }, NAMES[j])?;
     writeln!(out, "{indent}{{\n{indent}\tOFFSET {x:.5} {y:.5} {z:.5}")?;
-    writeln!(out, "{indent}\tCHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation")?;
+    writeln!(out, "{indent}\tCHANNELS {channels} Zrotation Xrotation Yrotation")?;
     for child in children(j) {
-        joint(child, depth + 1, rest, out)?;
+        joint(child, depth + 1, rig, bones, out)?;
     }
     if let Some((_, [x, y, z])) = END_SITES.iter().find(|(leaf, _)| *leaf == j) {
         writeln!(out, "{indent}\tEnd Site\n{indent}\t{{\n{indent}\t\tOFFSET {x:.5} {y:.5} {z:.5}\n{indent}\t}}")?;

@@ -16,7 +16,7 @@ use json::validation::{Checked, USize64};
 use json::{Accessor, Index, Root, buffer};
 use serde_json::json as value;
 
-use super::rig::{self, Rig, children};
+use super::rig::{self, Bones, Rig, children};
 use crate::motion::quaternion::{self as q, Vector};
 use crate::motion::{JOINTS, Pose, skeleton};
 
@@ -197,7 +197,7 @@ impl File {
     fn animation(&mut self, joints: &[Pose], frame_time: f64, rig: &Rig) {
         let times: Vec<[f32; 1]> = (0..joints.len()).map(|frame| [(frame as f64 * frame_time) as f32]).collect();
         let input = self.accessor(&times, (ComponentType::F32, Type::Scalar), None, Some(|t| *t));
-        let locals: Vec<_> = joints.iter().map(|pose| rig.locals(pose)).collect();
+        let locals: Vec<_> = joints.iter().map(|pose| rig.pose(pose, Bones::Stretching).locals).collect();
         let (mut channels, mut samplers) = (Vec::new(), Vec::new());
         for j in 0..JOINTS {
             let places: Vec<[f32; 3]> = locals.iter().map(|local| single(local[j].0)).collect();

@@ -48,20 +48,62 @@ impl Rig {
         Rig { rest: rest_offsets(joints) }
     }
 
-    /// Place of every joint in its parent's rotated frame, metres, and its rotation there. Applied in turn they give the positions back
-    /// exactly.
-    pub fn locals(&self, pose: &Pose) -> [(Vector, Quaternion); JOINTS] {
+    /// The body in one pose of a motion.
+    pub fn pose(&self, pose: &Pose, bones: Bones) -> Posed {
         let pose = metres(pose);
-        let global = orientations(&pose, &self.rest);
-        std::array::from_fn(|j| {
+        let (mut places, mut global) = (pose, [q::IDENTITY; JOINTS]);
+        for j in 0..JOINTS {
+            let parent = skeleton::PARENTS[j];
+            if bones == Bones::Rigid && j > 0 {
+                places[j] = q::add(places[parent], q::rotate(global[parent], self.rest[j]));
+            }
+            global[j] = self.orientation(j, global[parent], |child| q::subtract(pose[child], places[j]));
+        }
+        let locals = std::array::from_fn(|j| {
             if j == 0 {
-                return (pose[0], global[0]);
+                return (places[0], global[0]);
             }
             let parent = skeleton::PARENTS[j];
             let back = q::inverse(global[parent]);
-            (q::rotate(back, q::subtract(pose[j], pose[parent])), q::multiply(back, global[j]))
-        })
+            (q::rotate(back, q::subtract(places[j], places[parent])), q::multiply(back, global[j]))
+        });
+        Posed { places, locals }
     }
+
+    /// Global rotation of a joint that points its bones along `bone`, the vectors from it to its children.
+    fn orientation(&self, joint: usize, parent: Quaternion, bone: impl Fn(usize) -> Vector) -> Quaternion {
+        let mut below = children(joint);
+        match (below.next(), below.next()) {
+            (None, _) => parent,
+            (Some(child), None) => {
+                let direction = q::direction(q::rotate(q::inverse(parent), bone(child)));
+                let turn = match (q::direction(self.rest[child]), direction) {
+                    (Some(rest), Some(bone)) => q::between(rest, bone),
+                    _ => q::IDENTITY,
+                };
+                q::normalise(q::multiply(parent, turn))
+            }
+            (Some(_), Some(_)) => best_fit(children(joint).map(|child| (self.rest[child], bone(child)))),
+        }
+    }
+}
+
+/// What an exported body's bones do where the motion's change their length.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Bones {
+    /// They keep the length they have at rest; each points from where it begins to the motion's joint.
+    Rigid,
+    /// They follow: every joint is where the motion has it.
+    Stretching,
+}
+
+/// A body in a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Posed {
+    /// Global place of every joint, metres.
+    pub places: [Vector; JOINTS],
+    /// Place of every joint in its parent's rotated frame, metres, and its rotation there. Applied in turn they give `places`.
+    pub locals: [(Vector, Quaternion); JOINTS],
 }
 
 /// Refuses what cannot be exported, [`io::ErrorKind::InvalidInput`].
@@ -119,26 +161,4 @@ fn rest_offsets(joints: &[Pose]) -> [Vector; JOINTS] {
 /// Rotation of a joint that takes the rest offsets of its children closest to where they are.
 fn fit(parent: usize, pose: &[Vector; JOINTS], rest: &[Vector; JOINTS]) -> Quaternion {
     best_fit(children(parent).map(|j| (rest[j], q::subtract(pose[j], pose[parent]))))
-}
-
-/// Global rotation of every joint in one frame.
-fn orientations(pose: &[Vector; JOINTS], rest: &[Vector; JOINTS]) -> [Quaternion; JOINTS] {
-    let mut global = [q::IDENTITY; JOINTS];
-    for j in 0..JOINTS {
-        let parent = global[skeleton::PARENTS[j]];
-        let mut below = children(j);
-        global[j] = match (below.next(), below.next()) {
-            (None, _) => parent,
-            (Some(child), None) => {
-                let bone = q::direction(q::rotate(q::inverse(parent), q::subtract(pose[child], pose[j])));
-                let turn = match (q::direction(rest[child]), bone) {
-                    (Some(rest), Some(bone)) => q::between(rest, bone),
-                    _ => q::IDENTITY,
-                };
-                q::normalise(q::multiply(parent, turn))
-            }
-            (Some(_), Some(_)) => fit(j, pose, rest),
-        };
-    }
-    global
 }

@@ -44,7 +44,8 @@ pub struct Found {
     pub id: String,
 }
 
-/// All files with this ending: `path` itself, or below it when it is a folder, in the order of their names. Links to folders are not followed.
+/// All files with this ending: `path` itself, or regular files below it when it is a folder, in the order of their names. Links to folders
+/// are not followed.
 ///
 /// # Errors
 /// What the system says, with the path.
@@ -62,7 +63,7 @@ pub fn files(path: &Path, ending: &str) -> Result<Vec<Found>, (PathBuf, io::Erro
             let here = entry.path();
             if entry.file_type().map_err(failed)?.is_dir() {
                 folders.push(here);
-            } else if here.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)) {
+            } else if here.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)) && here.is_file() {
                 let below = here.strip_prefix(path).unwrap_or(&here).with_extension("");
                 let id = below.components().map(|c| c.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/");
                 found.push(Found { path: here, id });

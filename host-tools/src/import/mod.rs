@@ -10,7 +10,7 @@ pub mod pack;
 pub mod recordings;
 mod summary;
 
-pub use summary::{Count, Skipped, Summary};
+pub use summary::{Count, Note, Skipped, Summary};
 
 /// An error and its causes on one line, for lists of what was left out.
 fn chain(error: &dyn std::error::Error) -> String {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::bvh::{self, Mapping};
+use super::bvh::{self, Reading};
 use super::collect::{self, SplitChoice};
 use super::{Summary, captions};
 use crate::dataset::{Builder, Caption, Clip, Dataset};
@@ -14,8 +14,8 @@ use crate::parallel;
 pub struct Request {
     /// Files, or folders that are searched for `.bvh`.
     pub paths: Vec<PathBuf>,
-    /// Joint mapping; the built-in tables are tried when there is none.
-    pub mapping: Option<Mapping>,
+    /// What is known of the files.
+    pub reading: Reading,
     /// Name of the collection.
     pub subset: String,
     /// How splits are chosen.
@@ -88,8 +88,9 @@ pub fn import(request: &Request, progress: &(dyn Fn(usize, usize) + Sync)) -> Re
     let mut summary = Summary::default();
     for (file, result) in found.iter().zip(read) {
         match result {
-            Ok(Some((clip, motion))) => {
+            Ok(Some(Read { clip, motion, notes })) => {
                 summary.count(&clip, motion.joints.len());
+                notes.into_iter().for_each(|note| summary.note(&clip.id, note));
                 builder.push(clip, &motion.joints, &motion.features)?;
             }
             Ok(None) => summary.skip(&file.id, format!("fewer than {} frames", request.shortest)),
@@ -100,8 +101,17 @@ pub fn import(request: &Request, progress: &(dyn Fn(usize, usize) + Sync)) -> Re
     Ok((builder.finish(), summary))
 }
 
-fn read(request: &Request, file: &collect::Found) -> Result<Option<(Clip, Processed)>, Error> {
-    let recording = bvh::load(&file.path, request.mapping.as_ref())?;
+/// A recording as it goes into a dataset.
+struct Read {
+    clip: Clip,
+    motion: Processed,
+    /// What was guessed.
+    notes: Vec<String>,
+}
+
+/// `None` for a recording that is too short.
+fn read(request: &Request, file: &collect::Found) -> Result<Option<Read>, Error> {
+    let recording = bvh::load(&file.path, &request.reading)?;
     if recording.joints.len() < request.shortest {
         return Ok(None);
     }
@@ -119,5 +129,5 @@ fn read(request: &Request, file: &collect::Found) -> Result<Option<(Clip, Proces
         labels: serde_json::json!({"mapping": recording.mapping}),
         hash: String::new(),
     };
-    Ok(Some((clip, motion)))
+    Ok(Some(Read { clip, motion, notes: recording.notes }))
 }

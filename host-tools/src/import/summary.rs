@@ -26,6 +26,17 @@ pub struct Skipped {
     pub reason: String,
 }
 
+/// What was guessed or looked unusual in one or more clips.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Note {
+    /// A sentence.
+    pub text: String,
+    /// The first clip that it is about.
+    pub first: String,
+    /// How many clips it is about.
+    pub clips: usize,
+}
+
 /// What an import took and left out.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Summary {
@@ -35,6 +46,8 @@ pub struct Summary {
     pub parts: BTreeMap<String, Count>,
     /// Left out.
     pub skipped: Vec<Skipped>,
+    /// What the user should know about what was taken.
+    pub notes: Vec<Note>,
 }
 
 impl Summary {
@@ -50,5 +63,13 @@ impl Summary {
     /// Notes a clip that is left out.
     pub fn skip(&mut self, id: &str, reason: impl Into<String>) {
         self.skipped.push(Skipped { id: id.into(), reason: reason.into() });
+    }
+
+    /// Notes something about a clip; the same text is kept once.
+    pub fn note(&mut self, id: &str, text: String) {
+        match self.notes.iter_mut().find(|note| note.text == text) {
+            Some(note) => note.clips += 1,
+            None => self.notes.push(Note { text, first: id.to_owned(), clips: 1 }),
+        }
     }
 }

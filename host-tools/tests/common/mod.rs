@@ -4,6 +4,8 @@
 pub mod bench;
 #[allow(dead_code, reason = "each test binary compiles this module and not all need checkpoints")]
 pub mod checkpoints;
+#[allow(dead_code, reason = "each test binary compiles this module and not all need files of other programs")]
+pub mod foreign;
 #[allow(dead_code, reason = "each test binary compiles this module and not all need motions")]
 pub mod motions;
 #[allow(dead_code, reason = "each test binary compiles this module and not all need formulas")]

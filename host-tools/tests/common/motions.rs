@@ -60,3 +60,13 @@ pub fn random_motion(random: &mut Random, frames: usize, size: f32) -> Vec<Pose>
     };
     (0..frames).map(pose).collect()
 }
+
+/// The same body on a curve, turning around by 50 degrees a frame.
+pub fn turning_motion(random: &mut Random, frames: usize, size: f32) -> Vec<Pose> {
+    let turned = |(frame, pose): (usize, Pose)| {
+        let frame = frame as f32;
+        let (sin, cos) = (frame * 50f32.to_radians()).sin_cos();
+        pose.map(|[x, y, z]| [0.3 * frame + cos * x + sin * z, y, 0.1 * frame * frame + cos * z - sin * x])
+    };
+    random_motion(random, frames, size).into_iter().enumerate().map(turned).collect()
+}

@@ -3,4 +3,5 @@
 pub mod bench;
 pub mod c;
 pub mod fuzz;
+pub mod readers;
 pub mod twin;

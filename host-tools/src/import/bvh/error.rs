@@ -54,6 +54,16 @@ pub enum Problem {
         /// Joint and channel, or field.
         what: String,
     },
+    /// A number is larger than any place or angle.
+    #[error("{found} for {what} is no place or angle of a body (at most {limit:e}); repair or cut the recording there")]
+    TooLarge {
+        /// The word found.
+        found: String,
+        /// Joint and channel, or field.
+        what: String,
+        /// Largest number taken.
+        limit: f64,
+    },
     /// A channel name is not one of the six.
     #[error(
         "joint {joint:?} has the channel {found:?}; channels are Xposition, Yposition, Zposition, Xrotation, Yrotation, Zrotation"
@@ -147,14 +157,16 @@ pub enum Problem {
         /// Number announced.
         announced: usize,
     },
-    /// Joints are called something no table knows.
+    /// Joints are called something no table knows and whose meaning cannot be guessed.
     #[error(
-        "no built-in joint mapping fits; the closest, {closest}, finds no {missing}. The file has: {present}. \
-         Give a mapping with --mapping FILE.json (see `motionette import bvh --help`)"
+        "no built-in joint mapping fits, and the names do not say which joints are {unclear}; the closest table, {closest}, finds no \
+         {missing}. The file has: {present}. Give a mapping with --mapping FILE.json (see `motionette import bvh --help`)"
     )]
     NoMapping {
+        /// Parts of the body that no name tells.
+        unclear: Box<str>,
         /// Name of the closest table.
-        closest: String,
+        closest: Box<str>,
         /// Joints of the file it looks for in vain.
         missing: String,
         /// Joints of the file.
@@ -181,5 +193,54 @@ pub enum Problem {
     NothingLeft {
         /// Frames dropped.
         dropped: usize,
+    },
+    /// The body has no size.
+    #[error(
+        "frame {frame}: {bones} of the 21 bones have no length, so there is no body to see; check the mapping, and that the file was \
+         exported with its bone lengths (OFFSET) or with positions for every joint"
+    )]
+    Collapsed {
+        /// Frame at 20 frames a second, from 0.
+        frame: usize,
+        /// Bones without length.
+        bones: usize,
+    },
+    /// The body is of a size that no body has in this unit.
+    #[error("in {unit} the body would be {metres:.3} m tall; {advice}")]
+    Height {
+        /// The unit.
+        unit: super::Unit,
+        /// The height in it, metres.
+        metres: f64,
+        /// What to do.
+        advice: String,
+    },
+    /// A joint moves faster than anything does.
+    #[error(
+        "frame {frame} ({seconds:.2} s): {joint} is {metres:.0} m from where it was 0.05 s before; repair or cut the recording there"
+    )]
+    Jump {
+        /// Frame at 20 frames a second, from 0.
+        frame: usize,
+        /// Its time.
+        seconds: f64,
+        /// SMPL joint.
+        joint: &'static str,
+        /// Distance, metres.
+        metres: f64,
+    },
+    /// The body is too far from the origin for single precision.
+    #[error(
+        "frame {frame}: {joint} is {metres:.0} m from the origin, more than {limit} m; move the recording to the origin"
+    )]
+    TooFar {
+        /// Frame at 20 frames a second, from 0.
+        frame: usize,
+        /// SMPL joint.
+        joint: &'static str,
+        /// Distance, metres.
+        metres: f64,
+        /// Largest distance taken.
+        limit: f64,
     },
 }

@@ -6,11 +6,14 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::{Bvh, Problem};
+use super::names::plain;
+use super::{Bvh, Problem, Unit};
+use crate::input;
 use crate::motion::quaternion::{self as q, Vector};
-use crate::motion::{JOINTS, Pose, skeleton};
+use crate::motion::{JOINTS, skeleton};
 
-/// Where a SMPL joint comes from: in JSON a joint's name, or an object with `from`, `to` and `at`.
+/// Where a SMPL joint comes from: in JSON a joint's name, or an object with `from`, `to` and `at`. The End Site of a joint is called
+/// after it: `LeftToeBase End Site`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "Value")]
 pub enum Source {
@@ -54,8 +57,9 @@ impl TryFrom<Value> for Source {
 pub struct Mapping {
     /// What to call it in messages.
     pub name: String,
-    /// Metres a unit of the file.
-    pub unit: f64,
+    /// What a unit of the file is; the body's height says it where this does not.
+    #[serde(default)]
+    pub unit: Option<Unit>,
     /// The axis that points up, `y` or `z`.
     #[serde(default)]
     pub up: Up,
@@ -90,7 +94,7 @@ pub enum MappingError {
         source: std::io::Error,
     },
     /// It is not JSON of the right form.
-    #[error("{} is not a joint mapping; it needs name, unit (metres) and joints, see `motionette import bvh --help`", path.display())]
+    #[error("{} is not a joint mapping; it needs name, joints, and a unit that is one, see `motionette import bvh --help`", path.display())]
     Form {
         /// The file.
         path: PathBuf,
@@ -113,16 +117,6 @@ pub enum MappingError {
         /// The names.
         unknown: String,
     },
-    /// A number makes no sense.
-    #[error("{}: {what} must be a {must}", path.display())]
-    Number {
-        /// The file.
-        path: PathBuf,
-        /// The field.
-        what: String,
-        /// What it must be.
-        must: &'static str,
-    },
 }
 
 /// The tables that come with the program, most telling first.
@@ -135,7 +129,37 @@ const BUILT_IN: [&str; 5] = [
 ];
 
 /// A SMPL joint as indices into a file's joints: `from + at (to - from)`.
-pub(super) type Resolved = (usize, usize, f64);
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    /// Joint at `at` = 0.
+    pub from: usize,
+    /// Joint at `at` = 1.
+    pub to: usize,
+    /// Where on the line.
+    pub at: f64,
+}
+
+impl Place {
+    /// A joint itself.
+    pub const fn joint(joint: usize) -> Self {
+        Self { from: joint, to: joint, at: 0.0 }
+    }
+
+    /// Its position, from those of the file's joints.
+    pub fn of(&self, positions: &[Vector]) -> Vector {
+        let start = positions[self.from];
+        q::add(start, q::scale(q::subtract(positions[self.to], start), self.at))
+    }
+
+    /// As a mapping says it.
+    pub fn source(&self, bvh: &Bvh) -> Source {
+        let name = |joint: usize| bvh.joints[joint].name.clone();
+        if self.from == self.to {
+            return Source::Joint(name(self.from));
+        }
+        Source::Between { from: name(self.from), to: name(self.to), at: self.at }
+    }
+}
 
 impl Mapping {
     /// The built-in tables in the order they are tried.
@@ -149,8 +173,8 @@ impl Mapping {
     /// # Errors
     /// [`MappingError`], naming the file and the joints.
     pub fn read(path: &Path) -> Result<Self, MappingError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| MappingError::Read { path: path.to_path_buf(), source })?;
+        let text = input::read_text(path, input::WRITTEN)
+            .map_err(|source| MappingError::Read { path: path.to_path_buf(), source })?;
         let mapping: Self =
             serde_json::from_str(&text).map_err(|source| MappingError::Form { path: path.to_path_buf(), source })?;
         let missing: Vec<&str> =
@@ -163,18 +187,11 @@ impl Mapping {
         if !unknown.is_empty() {
             return Err(MappingError::Unknown { path: path.to_path_buf(), unknown: unknown.join(", ") });
         }
-        if !(mapping.unit.is_finite() && mapping.unit > 0.0) {
-            return Err(MappingError::Number {
-                path: path.to_path_buf(),
-                what: "unit".into(),
-                must: "positive number",
-            });
-        }
         Ok(mapping)
     }
 
-    /// The built-in table all of whose joints the file has.
-    pub(super) fn detect(bvh: &Bvh) -> Result<Self, Problem> {
+    /// The built-in table all of whose joints the file has; else the closest and the joints it lacks.
+    pub(super) fn detect(bvh: &Bvh) -> Result<Self, (Self, Vec<String>)> {
         let mut closest: Option<(Self, Vec<String>)> = None;
         for mapping in Self::built_in() {
             let missing = mapping.missing(bvh);
@@ -185,8 +202,11 @@ impl Mapping {
                 closest = Some((mapping, missing));
             }
         }
-        let (closest, missing) = closest.map_or_else(Default::default, |(mapping, missing)| (mapping.name, missing));
-        Err(Problem::NoMapping { closest, missing: missing.join(", "), present: present(bvh) })
+        Err(closest.unwrap_or_else(|| (Self::none(), Vec::new())))
+    }
+
+    const fn none() -> Self {
+        Self { name: String::new(), unit: None, up: Up::Y, drop_frames: 0, joints: BTreeMap::new() }
     }
 
     fn missing(&self, bvh: &Bvh) -> Vec<String> {
@@ -196,7 +216,7 @@ impl Mapping {
     }
 
     /// Where each of the 22 comes from in this file.
-    pub(super) fn resolve(&self, bvh: &Bvh) -> Result<[Resolved; JOINTS], Problem> {
+    pub(super) fn resolve(&self, bvh: &Bvh) -> Result<[Place; JOINTS], Problem> {
         let missing = self.missing(bvh);
         if !missing.is_empty() {
             let mapping = self.name.clone();
@@ -209,11 +229,11 @@ impl Mapping {
                 _ => Err(Problem::Ambiguous { name: name.into() }),
             }
         };
-        let mut resolved = [(0, 0, 0.0); JOINTS];
+        let mut resolved = [Place::joint(0); JOINTS];
         for (slot, smpl) in resolved.iter_mut().zip(skeleton::NAMES) {
             *slot = match self.joints.get(smpl) {
-                Some(Source::Joint(name)) => (find(name)?, 0, 0.0),
-                Some(Source::Between { from, to, at }) => (find(from)?, find(to)?, *at),
+                Some(Source::Joint(name)) => Place::joint(find(name)?),
+                Some(Source::Between { from, to, at }) => Place { from: find(from)?, to: find(to)?, at: *at },
                 None => {
                     let mapping = self.name.clone();
                     return Err(Problem::Unmapped { mapping, missing: smpl.into(), present: present(bvh) });
@@ -221,20 +241,6 @@ impl Mapping {
             };
         }
         Ok(resolved)
-    }
-
-    /// The 22 joints in metres, y up, from a file's global positions.
-    pub(super) fn pose(&self, sources: &[Resolved; JOINTS], positions: &[Vector]) -> Pose {
-        sources.map(|(from, to, at)| {
-            let start = positions[from];
-            let point = q::add(start, q::scale(q::subtract(positions[to], start), at));
-            let [x, y, z] = q::scale(point, self.unit);
-            let upright = match self.up {
-                Up::Y => [x, y, z],
-                Up::Z => [x, z, -y],
-            };
-            upright.map(|x| x as f32)
-        })
     }
 }
 
@@ -248,12 +254,8 @@ impl Source {
     }
 }
 
-/// A name without its namespace (`mixamorig:Hips`).
-fn plain(name: &str) -> &str {
-    name.rsplit(':').next().unwrap_or(name)
-}
-
-fn present(bvh: &Bvh) -> String {
+/// The names of a file, for messages.
+pub(super) fn present(bvh: &Bvh) -> String {
     const SHOWN: usize = 60;
     let names: Vec<&str> = bvh.joints.iter().take(SHOWN).map(|joint| joint.name.as_str()).collect();
     let more = bvh.joints.len().saturating_sub(SHOWN);

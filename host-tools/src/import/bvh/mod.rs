@@ -1,25 +1,37 @@
 //! Biovision hierarchies (`.bvh`): text of a joint hierarchy, then one line of channel values a frame.
 //!
 //! What this reader takes: any channel order, one to six channels a joint, position channels on any joint (they replace the matching
-//! components of OFFSET), any frame time, End Sites, braces and numbers laid out freely within the hierarchy, any depth (no recursion).
+//! components of OFFSET), any frame time, End Sites, braces and numbers laid out freely within the hierarchy, any depth (no recursion);
+//! UTF-8, or UTF-16 with a byte order mark; lines that end in LF, CR LF or CR.
 //!
-//! [`load`] is the road from a file to 22 joints at 20 frames a second.
+//! [`load`] is the road from a file to 22 joints at 20 frames a second. Which joints of the file those are, and what its unit is, the user
+//! says ([`Reading`]), or a built-in table for the names of a common program, or else the names themselves and the height of the body; what
+//! was guessed is told ([`Recording::notes`]).
 
+mod choice;
+mod encoding;
 mod error;
+mod guess;
 mod kinematics;
 mod mapping;
+mod names;
 mod parse;
+mod plausible;
 mod resample;
 #[cfg(test)]
 mod tests;
+mod unit;
 
 use std::path::Path;
 
 pub use error::{Error, Problem};
-pub use mapping::{Mapping, MappingError, Source};
+pub use mapping::{Mapping, MappingError, Source, Up};
 pub use parse::parse;
+pub use unit::Unit;
 
+use crate::input;
 use crate::motion::Pose;
+use choice::Choice;
 
 /// A component that varies over time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,7 +45,7 @@ pub enum Channel {
 /// A joint of the hierarchy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
-    /// Its name; End Sites are not joints.
+    /// Its name; an End Site is called after its joint, `Head End Site`.
     pub name: String,
     /// Index of its parent, smaller than its own; `None` for the root.
     pub parent: Option<usize>,
@@ -43,6 +55,8 @@ pub struct Joint {
     pub channels: Vec<Channel>,
     /// Index of its first channel in a frame.
     pub first_channel: usize,
+    /// True for the End Site of its parent, which has no channels.
+    pub end_site: bool,
 }
 
 /// A parsed file.
@@ -71,6 +85,18 @@ impl Bvh {
     }
 }
 
+/// Bytes of a file at most: some ten hours of a body with fingers at 30 frames a second.
+const LARGEST_FILE: u64 = 1 << 30;
+
+/// What the user says about a file.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Reading {
+    /// Which joints are which; the built-in tables ([`Mapping::built_in`]) are tried and the names guessed from where there is none.
+    pub mapping: Option<Mapping>,
+    /// What a unit of the file is, whatever the mapping says.
+    pub unit: Option<Unit>,
+}
+
 /// A recording as 22 joints at 20 frames a second.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
@@ -78,34 +104,23 @@ pub struct Recording {
     pub joints: Vec<Pose>,
     /// Frame rate of the file, 1/s.
     pub fps_source: f64,
-    /// Name of the mapping that fitted.
+    /// Name of the mapping that fitted; `guessed` where none did.
     pub mapping: String,
+    /// What was guessed or looks unusual, a sentence each.
+    pub notes: Vec<String>,
 }
 
 /// Reads a file, maps it to the 22 joints and resamples it to 20 frames a second.
 ///
-/// With `mapping` = `None` the built-in tables are tried in turn ([`Mapping::built_in`]).
-///
 /// # Errors
 /// [`Error`], naming the file, the line and what to do.
-pub fn load(path: &Path, mapping: Option<&Mapping>) -> Result<Recording, Error> {
+pub fn load(path: &Path, reading: &Reading) -> Result<Recording, Error> {
     let at = |line: usize, problem: Problem| Error { path: path.to_path_buf(), line, problem };
-    let bytes = std::fs::read(path).map_err(|source| at(0, Problem::Read(source)))?;
-    let bvh = parse(&String::from_utf8_lossy(&bytes)).map_err(|(line, problem)| at(line, problem))?;
-    let built_in;
-    let mapping = match mapping {
-        Some(mapping) => mapping,
-        None => {
-            built_in = Mapping::detect(&bvh).map_err(|problem| at(0, problem))?;
-            &built_in
-        }
-    };
-    let sources = mapping.resolve(&bvh).map_err(|problem| at(0, problem))?;
-    let first = mapping.drop_frames.min(bvh.frames());
-    let place = |frame| mapping.pose(&sources, &kinematics::positions(&bvh, &frame));
-    let joints: Vec<Pose> = resample::to_20_fps(&bvh, first).map(place).collect();
-    if joints.is_empty() {
-        return Err(at(0, Problem::NothingLeft { dropped: first }));
-    }
-    Ok(Recording { joints, fps_source: bvh.fps(), mapping: mapping.name.clone() })
+    let bytes = input::read(path, LARGEST_FILE).map_err(|source| at(0, Problem::Read(source)))?;
+    let bvh = parse(&encoding::text(&bytes)).map_err(|(line, problem)| at(line, problem))?;
+    let choice = Choice::of(&bvh, reading).map_err(|problem| at(0, problem))?;
+    let frames = resample::to_20_fps(&bvh, choice.first);
+    let joints: Vec<Pose> = frames.map(|frame| choice.pose(&kinematics::positions(&bvh, &frame))).collect();
+    plausible::check(&joints).map_err(|problem| at(0, problem))?;
+    Ok(Recording { joints, fps_source: bvh.fps(), mapping: choice.mapping, notes: choice.notes })
 }

@@ -10,6 +10,9 @@ type Located = (usize, Problem);
 /// Joints of a hierarchy at most: full bodies with fingers and faces have some hundred.
 const MOST_JOINTS: usize = 4096;
 
+/// Largest offset, position (units) or angle (degrees) of a recording: ten kilometres in millimetres, 27,000 turns.
+const LARGEST: f64 = 1e7;
+
 /// Parses the text of a file. Time and memory are linear in its length.
 ///
 /// # Errors
@@ -79,14 +82,18 @@ impl<'a> Words<'a> {
     fn unexpected(&self, expected: &'static str, found: &str) -> Located {
         (self.line, Problem::Expected { expected, found: shortened(found) })
     }
-
-    fn number(&mut self, expected: &'static str, what: impl FnOnce() -> String) -> Result<f64, Located> {
-        let word = self.need(expected)?;
-        number(word, what).map_err(|problem| (self.line, problem))
-    }
 }
 
-fn number(word: &str, what: impl FnOnce() -> String) -> Result<f64, Problem> {
+/// A number of a length or an angle.
+fn number(word: &str, what: impl Fn() -> String) -> Result<f64, Problem> {
+    let x = finite(word, &what)?;
+    if x.abs() <= LARGEST {
+        return Ok(x);
+    }
+    Err(Problem::TooLarge { found: shortened(word), what: what(), limit: LARGEST })
+}
+
+fn finite(word: &str, what: impl Fn() -> String) -> Result<f64, Problem> {
     match word.parse::<f64>() {
         Ok(x) if x.is_finite() => Ok(x),
         Ok(_) => Err(Problem::NotFinite { found: shortened(word), what: what() }),
@@ -99,10 +106,11 @@ fn shortened(word: &str) -> String {
     word.chars().take(60).collect()
 }
 
-/// What an opening brace belongs to.
+/// What an opening brace belongs to: a joint's index.
+#[derive(Clone, Copy)]
 enum Open {
     Joint(usize),
-    EndSite,
+    EndSite(usize),
 }
 
 /// `HIERARCHY ROOT ... { ... }`, with an explicit stack: depth costs memory, not stack.
@@ -114,48 +122,45 @@ fn hierarchy(words: &mut Words<'_>) -> Result<Vec<Joint>, Located> {
     let mut open = vec![begin(words, &mut joints, None)?];
     seen.push((false, false));
     let mut channels = 0;
-    while let Some(level) = open.last() {
+    while let Some(level) = open.last().copied() {
         let word = words.need("}")?;
         match (level, word.to_ascii_uppercase().as_str()) {
             (Open::Joint(joint), "}") => {
-                let (offset, channels) = seen[*joint];
+                let (offset, channels) = seen[joint];
                 if !offset || !channels {
                     let missing = if offset { "CHANNELS" } else { "OFFSET" };
-                    return Err((words.line, Problem::Incomplete { joint: joints[*joint].name.clone(), missing }));
+                    return Err((words.line, Problem::Incomplete { joint: joints[joint].name.clone(), missing }));
                 }
                 open.pop();
             }
-            (Open::EndSite, "}") => {
+            (Open::EndSite(_), "}") => {
                 open.pop();
             }
-            (Open::Joint(joint), "OFFSET") => {
-                let joint = *joint;
+            (Open::Joint(joint) | Open::EndSite(joint), "OFFSET") => {
                 let name = joints[joint].name.clone();
                 joints[joint].offset = vector(words, &name)?;
                 seen[joint].0 = true;
             }
-            (Open::EndSite, "OFFSET") => {
-                vector(words, "End Site")?;
-            }
-            (Open::Joint(joint), "CHANNELS") if !seen[*joint].1 => {
-                let joint = *joint;
+            (Open::Joint(joint), "CHANNELS") if !seen[joint].1 => {
                 joints[joint].channels = channel_list(words, &joints[joint].name)?;
                 joints[joint].first_channel = channels;
                 channels += joints[joint].channels.len();
                 seen[joint].1 = true;
             }
-            (Open::Joint(joint), "JOINT") => {
-                let parent = *joint;
+            (Open::Joint(parent), "JOINT") => {
                 open.push(begin(words, &mut joints, Some(parent))?);
                 seen.push((false, false));
             }
-            (Open::Joint(_), "END") => {
+            (Open::Joint(parent), "END") => {
                 // "End Site", sometimes with a name.
                 name_before_brace(words)?;
-                open.push(Open::EndSite);
+                let name = format!("{} End Site", joints[parent].name);
+                let end = Joint { end_site: true, ..new_joint(name, Some(parent)) };
+                open.push(Open::EndSite(push(words, &mut joints, end)?));
+                seen.push((false, false));
             }
             (Open::Joint(_), _) => return Err(words.unexpected("OFFSET, CHANNELS, JOINT, End Site or }", word)),
-            (Open::EndSite, _) => return Err(words.unexpected("OFFSET or }", word)),
+            (Open::EndSite(_), _) => return Err(words.unexpected("OFFSET or }", word)),
         }
     }
     Ok(joints)
@@ -163,12 +168,22 @@ fn hierarchy(words: &mut Words<'_>) -> Result<Vec<Joint>, Located> {
 
 /// A joint's name and opening brace.
 fn begin(words: &mut Words<'_>, joints: &mut Vec<Joint>, parent: Option<usize>) -> Result<Open, Located> {
+    let name = name_before_brace(words)?;
+    push(words, joints, new_joint(name, parent)).map(Open::Joint)
+}
+
+/// A joint of which nothing else is known yet.
+fn new_joint(name: String, parent: Option<usize>) -> Joint {
+    Joint { name, parent, offset: [0.0; 3], channels: Vec::new(), first_channel: 0, end_site: false }
+}
+
+/// Adds a joint; gives its index.
+fn push(words: &Words<'_>, joints: &mut Vec<Joint>, joint: Joint) -> Result<usize, Located> {
     if joints.len() == MOST_JOINTS {
         return Err((words.line, Problem::TooManyJoints { limit: MOST_JOINTS }));
     }
-    let name = name_before_brace(words)?;
-    joints.push(Joint { name, parent, offset: [0.0; 3], channels: Vec::new(), first_channel: 0 });
-    Ok(Open::Joint(joints.len() - 1))
+    joints.push(joint);
+    Ok(joints.len() - 1)
 }
 
 /// Words up to `{`: some exporters write names with spaces.
@@ -192,7 +207,8 @@ fn name_before_brace(words: &mut Words<'_>) -> Result<String, Located> {
 fn vector(words: &mut Words<'_>, joint: &str) -> Result<[f64; 3], Located> {
     let mut v = [0.0; 3];
     for x in &mut v {
-        *x = words.number("three numbers", || format!("OFFSET of {joint}"))?;
+        let word = words.need("three numbers")?;
+        *x = number(word, || format!("OFFSET of {joint}")).map_err(|problem| (words.line, problem))?;
     }
     Ok(v)
 }
@@ -239,7 +255,8 @@ fn motion(mut words: Words<'_>, joints: Vec<Joint>) -> Result<Bvh, Located> {
     };
     words.keyword("Frame")?;
     words.keyword("Time:")?;
-    let frame_time = words.number("a frame time", || "Frame Time".into())?;
+    let word = words.need("a frame time")?;
+    let frame_time = finite(word, || "Frame Time".into()).map_err(|problem| (words.line, problem))?;
     if !(1e-4..=1.0).contains(&frame_time) {
         return Err((words.line, Problem::FrameTime { found: frame_time }));
     }

@@ -31,7 +31,8 @@ pub(super) fn to_20_fps(bvh: &Bvh, first: usize) -> impl Iterator<Item = Frame> 
     })
 }
 
-fn original(bvh: &Bvh, frame: usize) -> Frame {
+/// A frame as the file has it.
+pub(super) fn original(bvh: &Bvh, frame: usize) -> Frame {
     let values = &bvh.values[frame * bvh.channels..(frame + 1) * bvh.channels];
     bvh.joints.iter().map(|joint| kinematics::local(joint, values)).collect()
 }

@@ -62,21 +62,26 @@ fn apply(rotations: &[(usize, f64)], v: Vector) -> Vector {
 #[test]
 fn forward_kinematics_agrees_with_matrices() {
     let bvh = parse(SMALL).unwrap();
-    assert_eq!(bvh.joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>(), ["hips", "a", "b", "c"]);
-    assert_eq!(bvh.joints.iter().map(|j| j.parent).collect::<Vec<_>>(), [None, Some(0), Some(0), Some(2)]);
+    let names: Vec<&str> = bvh.joints.iter().map(|j| j.name.as_str()).collect();
+    assert_eq!(names, ["hips", "a", "a End Site", "b", "c"]);
+    let parents: Vec<Option<usize>> = bvh.joints.iter().map(|j| j.parent).collect();
+    assert_eq!(parents, [None, Some(0), Some(1), Some(0), Some(3)]);
     assert_eq!((bvh.channels, bvh.frames(), bvh.fps()), (14, 2, 20.0));
     let rest = positions(&bvh, 0);
     close(rest[0], [0.0, 0.0, 0.0]);
     close(rest[1], [0.0, 10.0, 0.0]);
-    close(rest[2], [0.0, 7.0, 0.0]);
+    close(rest[2], [0.0, 15.0, 0.0]);
+    close(rest[3], [0.0, 7.0, 0.0]);
 
     let moved = positions(&bvh, 1);
     let root = [(2, 10.0), (0, 20.0), (1, 30.0)];
     close(moved[0], [4.0, 5.0, 6.0]);
     close(moved[1], q::add(moved[0], apply(&root, [0.0, 10.0, 0.0])));
-    close(moved[2], q::add(moved[0], apply(&root, [9.0, 7.0, -8.0])));
+    let a = [(2, 10.0), (0, 20.0), (1, 30.0), (1, 40.0), (2, 50.0), (0, 60.0)];
+    close(moved[2], q::add(moved[1], apply(&a, [0.0, 5.0, 0.0])));
+    close(moved[3], q::add(moved[0], apply(&root, [9.0, 7.0, -8.0])));
     let b = [(2, 10.0), (0, 20.0), (1, 30.0), (0, 70.0), (1, 80.0), (2, 25.0)];
-    close(moved[3], q::add(moved[2], apply(&b, [2.0, 0.0, 0.0])));
+    close(moved[4], q::add(moved[3], apply(&b, [2.0, 0.0, 0.0])));
 }
 
 #[test]
@@ -147,6 +152,17 @@ fn each_fault_is_named_with_its_line() {
         (changed("Time: 0.05", "Time: 1e9"), 28, |p| matches!(p, Problem::FrameTime { .. })),
         (changed("9 25", "9"), 30, |p| matches!(p, Problem::Row { frame: 1, expected: 14, found: 13 })),
         (changed("9 25", "9 25 1 2"), 30, |p| matches!(p, Problem::Row { frame: 1, expected: 14, found: 16 })),
+        (
+            changed("OFFSET 0 10 0", "OFFSET 0 2e7 0"),
+            8,
+            |p| matches!(p, Problem::TooLarge { what, .. } if what == "OFFSET of a"),
+        ),
+        (changed("OFFSET 0 5 0", "OFFSET 0 5e8 0"), 12, |p| matches!(p, Problem::TooLarge { .. })),
+        (
+            changed("4 5 6", "4 1e39 6"),
+            30,
+            |p| matches!(p, Problem::TooLarge { what, .. } if what.contains("\"hips\", Position(1)")),
+        ),
         (
             changed("70 -8", "70 inf"),
             30,
@@ -330,29 +346,31 @@ fn written(text: &str) -> (tempfile::TempDir, PathBuf) {
 #[test]
 fn cmu_conversions_lose_their_rest_pose() {
     let (_folder, path) = written(&cgspeed(5));
-    let recording = load(&path, None).unwrap();
+    let recording = load(&path, &Reading::default()).unwrap();
     assert_eq!((recording.mapping.as_str(), recording.joints.len(), recording.fps_source), ("cmu-cgspeed", 5, 20.0));
     for (t, pose) in recording.joints.iter().enumerate() {
         assert!((pose[0][0] - (t as f32 + 1.0) * 0.056_444_44).abs() < 1e-5);
     }
     assert!(crate::motion::features::process(&recording.joints, &Default::default()).is_ok());
     let (_folder, path) = written(&cgspeed(0));
-    assert!(matches!(load(&path, None).unwrap_err().problem, Problem::NothingLeft { dropped: 1 }));
+    assert!(matches!(load(&path, &Reading::default()).unwrap_err().problem, Problem::NothingLeft { dropped: 1 }));
 }
 
 #[test]
 fn unmapped_joints_are_listed() {
-    let (_folder, path) = written(&cgspeed(3).replace("LeftForeArm", "elbow_l"));
-    let error = load(&path, None).unwrap_err();
+    let (_folder, path) = written(&cgspeed(3).replace("LeftForeArm", "gizmo"));
+    let error = load(&path, &Reading::default()).unwrap_err();
     let text = format!("{error}: {}", error.problem);
     assert!(
-        matches!(&error.problem, Problem::NoMapping { closest, missing, .. } if closest == "cmu-cgspeed" && missing == "LeftForeArm")
+        matches!(&error.problem, Problem::NoMapping { closest, missing, .. } if closest.as_ref() == "cmu-cgspeed" && missing == "LeftForeArm")
     );
-    assert!(text.contains("clip.bvh") && text.contains("elbow_l") && text.contains("--mapping"), "{text}");
+    assert!(["clip.bvh", "gizmo", "--mapping", "the left arm"].iter().all(|word| text.contains(word)), "{text}");
 
     let (_folder, path) = written(&cgspeed(3).replace("JOINT LowerBack", "JOINT Neck1"));
-    assert!(matches!(load(&path, None).unwrap_err().problem, Problem::Ambiguous { name } if name == "Neck1"));
-    assert!(matches!(load(&path.with_extension("none"), None).unwrap_err().problem, Problem::Read(_)));
+    assert!(
+        matches!(load(&path, &Reading::default()).unwrap_err().problem, Problem::Ambiguous { name } if name == "Neck1")
+    );
+    assert!(matches!(load(&path.with_extension("none"), &Reading::default()).unwrap_err().problem, Problem::Read(_)));
 }
 
 #[test]
@@ -363,13 +381,13 @@ fn a_mapping_of_the_users_own() {
         include_str!("mappings/cmu-cgspeed.json").replace("Left", "l_").replace("Right", "r_").as_str(),
     )
     .unwrap();
-    json["unit"] = 2.0.into();
+    json["unit"] = 0.05.into();
     json["up"] = "z".into();
     let file = folder.path().join("mapping.json");
     std::fs::write(&file, json.to_string()).unwrap();
     let mapping = Mapping::read(&file).unwrap();
-    let pose = load(&path, Some(&mapping)).unwrap().joints[0];
-    assert_eq!(pose[0], [2.0, 0.0, -34.0]);
+    let pose = load(&path, &Reading { mapping: Some(mapping), unit: None }).unwrap().joints[0];
+    assert_eq!(pose[0], [0.05, 0.0, -0.85]);
 
     let check = |change: &dyn Fn(&mut serde_json::Value), fits: fn(&MappingError) -> bool| {
         let mut wrong = json.clone();
@@ -378,7 +396,8 @@ fn a_mapping_of_the_users_own() {
         let error = Mapping::read(&file).unwrap_err();
         assert!(fits(&error), "{error:?}");
     };
-    check(&|j| j["unit"] = 0.into(), |e| matches!(e, MappingError::Number { .. }));
+    check(&|j| j["unit"] = 0.into(), |e| matches!(e, MappingError::Form { .. }));
+    check(&|j| j["unit"] = "furlong".into(), |e| matches!(e, MappingError::Form { .. }));
     check(&|j| j["units"] = 1.into(), |e| matches!(e, MappingError::Form { .. }));
     check(&|j| j["joints"]["tail"] = "Tail".into(), |e| matches!(e, MappingError::Unknown { .. }));
     check(
