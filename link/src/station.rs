@@ -16,7 +16,9 @@ use motionette::playback::{self, Control};
 use motionette::refining::Config;
 use motionette::{Model, ROWS};
 
-use crate::message::{Condition, Event, Failure, Generate, Length, ModelInfo, Name, Refusal, Stage, State, Work, name};
+use crate::message::{
+    Condition, Event, Failure, Generate, Length, ModelInfo, Name, Refinement, Refusal, Stage, Start, State, Work, name,
+};
 use crate::server::{Description, Device, Job};
 use crate::update::{Slot, Storage, Store};
 
@@ -81,6 +83,9 @@ impl Preset {
         }
         if request.steps == 0 {
             request.steps = self.steps;
+        }
+        if request.refinement == Refinement::DEVICE {
+            request.refinement = Refinement::FAST;
         }
         if request.evaluations == 0 {
             request.evaluations = self.evaluations;
@@ -285,6 +290,17 @@ impl<'a, S> Station<'a, S> {
         self.ordered = Some(Ordered { state, ticks: self.control.status().ticks });
     }
 
+    /// Whether a motion may begin, as far as stop and start are concerned.
+    fn may_play(&self) -> Result<(), Refusal> {
+        if self.stopped {
+            return Err(Refusal::Stopped);
+        }
+        match self.control.start().into() {
+            Start::Reading | Start::Creeping | Start::Ready => Ok(()),
+            start @ (Start::Waiting | Start::Refused { .. }) => Err(Refusal::NotReady(start)),
+        }
+    }
+
     /// What the body does, or will do as soon as the player hears of it.
     fn state(&self) -> State {
         let status = self.control.status();
@@ -324,6 +340,9 @@ impl<S: Storage> Device for Station<'_, S> {
         if self.model.is_none() {
             return Err(Refusal::NoModel);
         }
+        if matches!(work, Job::Generate(request) if request.play_when_ready) {
+            self.may_play()?;
+        }
         self.vitals.abort.store(false, Ordering::Release);
         if !self.playing {
             self.ready = None;
@@ -340,9 +359,7 @@ impl<S: Storage> Device for Station<'_, S> {
     }
 
     fn play(&mut self) -> Result<(), Refusal> {
-        if self.stopped {
-            return Err(Refusal::Stopped);
-        }
+        self.may_play()?;
         if self.ready.is_none() {
             return Err(Refusal::NothingToPlay);
         }
@@ -397,6 +414,17 @@ impl<S: Storage> Device for Station<'_, S> {
         self.control.resume();
         self.control.neutral();
         self.order(State::Returning);
+        Ok(())
+    }
+
+    fn release(&mut self) -> Result<(), Refusal> {
+        if self.stopped {
+            return Err(Refusal::Stopped);
+        }
+        if self.control.start() != playback::Start::Waiting {
+            return Err(Refusal::NotWaiting);
+        }
+        self.control.release();
         Ok(())
     }
 

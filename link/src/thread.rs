@@ -3,7 +3,7 @@
 use motionette::playback::{Feeder, Full, When};
 use motionette::{Error, Flow, Generator, Model, Observer, Progress};
 
-use crate::message::{Event, Failure, Stage};
+use crate::message::{Event, Failure, Stage, Strain, Understood};
 use crate::station::{Station, Task};
 
 /// Where the thread finds its station.
@@ -103,7 +103,13 @@ pub fn run<D: Desk, const C: usize>(
                         let frames = motion.frames();
                         let control_error = motion.refinement.and_then(|report| report.after).map(|after| after.mean);
                         desk.note(Note::Made { frames: frames.len() });
-                        let event = Event::Ready { job, frames: frames.len() as u16, control_error };
+                        let event = Event::Ready {
+                            job,
+                            frames: frames.len() as u16,
+                            control_error,
+                            understood: Understood::of(model, &request.text),
+                            strain: Strain::of(&motion),
+                        };
                         desk.with(|station| station.done(event));
                         // The motion lies in the arena until the next one is made.
                         next = loop {
