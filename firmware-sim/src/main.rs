@@ -1,6 +1,7 @@
 //! `motionette-sim`: the virtual robot. Without a subcommand it runs the demo.
 
 use clap::{Parser, Subcommand};
+use motionette_sim::robot::boots;
 use motionette_sim::{bundle, demo, serve};
 use std::io::Write;
 use std::process::ExitCode;
@@ -21,6 +22,8 @@ enum Command {
     Demo(Box<demo::Cmd>),
     /// Serve the device link of a simulated robot over TCP.
     Serve(serve::Cmd),
+    /// Start simulated robots again and again, and say what their horns did.
+    Boots(boots::Cmd),
     /// Make the bundled token sequences anew from a dataset and a checkpoint.
     Bundle(bundle::Cmd),
 }
@@ -30,6 +33,7 @@ fn main() -> ExitCode {
     let result = match cli.command {
         Some(Command::Demo(cmd)) => cmd.run(),
         Some(Command::Serve(cmd)) => cmd.run(),
+        Some(Command::Boots(cmd)) => cmd.run(),
         Some(Command::Bundle(cmd)) => cmd.run(),
         None => cli.demo.run(),
     };

@@ -8,12 +8,13 @@ use std::fmt::Write;
 use std::path::Path;
 
 use motionette::motion::Pose;
-use motionette::playback::{Rest, Robot, When};
+use motionette::playback::{Rest, Robot, Start, StartFault, When};
 use motionette::{Generator, Model, Request};
 use motionette_host::convert::AlignedBlob;
 use motionette_host::robot_file;
 use motionette_sim::bundle::{self, Bundle};
-use motionette_sim::robot::{EndState, Event, Kind, Run, Scenario, faults, run};
+use motionette_sim::robot::boots::{self, Series};
+use motionette_sim::robot::{Boot, EndState, Event, Fault, Kind, Run, Scenario, faults, run};
 
 const READY: u64 = 200_000;
 
@@ -43,13 +44,13 @@ fn end_of(robot: &Robot) -> EndState {
 
 fn play(robot: &Robot, frames: &[Pose], kinds: &[Kind], seed: u64) -> (usize, Run) {
     let end = READY + frames.len() as u64 * 50_000;
-    let mut events = vec![(READY, Event::Ready { frames: frames.to_vec(), when: When::Then })];
+    let mut events = vec![(0, Event::Release), (READY, Event::Ready { frames: frames.to_vec(), when: When::Then })];
     if kinds.contains(&Kind::Overrun) {
         events.push((end + 900_000, Event::Ready { frames: frames.to_vec(), when: When::Then }));
     }
     let electrical: Vec<Kind> = kinds.iter().copied().filter(|kind| kind.is_electrical()).collect();
     let faults = faults::schedule(&electrical, seed, [READY + 300_000, end]);
-    (faults.len(), run(&Scenario { robot, events, faults, seed }))
+    (faults.len(), run(&Scenario { robot, boot: Boot::default(), events, faults, seed }))
 }
 
 #[test]
@@ -128,10 +129,10 @@ fn orders_work_in_the_middle_of_a_motion_and_of_a_fault() {
     let frames = motion();
     let robot = robot("upper-body");
     let with = |orders: &[(u64, Event)], kinds: &[Kind]| {
-        let mut events = vec![(READY, Event::Ready { frames: frames.clone(), when: When::Then })];
+        let mut events = vec![(0, Event::Release), (READY, Event::Ready { frames: frames.clone(), when: When::Then })];
         events.extend_from_slice(orders);
         let faults = faults::schedule(kinds, 5, [900_000, 1_500_000]);
-        let run = run(&Scenario { robot: &robot, events, faults, seed: 5 });
+        let run = run(&Scenario { robot: &robot, boot: Boot::default(), events, faults, seed: 5 });
         assert_eq!((run.missed_ticks, run.limit_violations), (0, 0));
         run
     };
@@ -151,6 +152,60 @@ fn orders_work_in_the_middle_of_a_motion_and_of_a_fault() {
             "cut off, and the next one played"
         );
     }
+}
+
+#[test]
+fn horns_keep_their_limits_from_any_start() {
+    // A sample of `motionette-sim boots --count 1000`.
+    let motion = boots::motion().unwrap();
+    for series in Series::ALL {
+        let figures = series.run(&motion, 12, 7).unwrap();
+        assert_eq!(figures.good, figures.count, "{figures}");
+        let wrong = matches!(series, Series::Pca9685Wrong | Series::PwmWrong);
+        assert!(!wrong || figures.horns.acceleration > 2.0, "a wrong pose cannot go unseen: {figures}");
+    }
+}
+
+#[test]
+fn a_servo_that_is_silent_or_out_of_range_keeps_the_robot_still_and_is_named() {
+    let frames = motion();
+    let robot = robot("desk");
+    let play = |boot: Boot, faults: Vec<Fault>| {
+        let events = vec![(READY, Event::Ready { frames: frames.clone(), when: When::Then })];
+        run(&Scenario { robot: &robot, boot, events, faults, seed: 3 })
+    };
+    let mut pose: Vec<f64> = robot.channels.iter().map(|channel| f64::from(channel.neutral)).collect();
+    pose[4] = 12.0;
+    let outside = play(Boot { pose, held: true }, vec![]);
+    let why = StartFault::OutOfRange { decidegrees: 120 };
+    assert_eq!((outside.start, outside.motions), (Start::Refused { channel: 4, why }, [0, 0]));
+    assert_eq!((outside.ready, outside.horns.speed), (None, 0.0), "nothing moved");
+    let silent = play(Boot::default(), vec![Fault { kind: Kind::Nack, from: 0, until: 590_000_000 }]);
+    assert_eq!(silent.start, Start::Refused { channel: 0, why: StartFault::Silent });
+    assert_eq!(silent.motions, [0, 0]);
+    // It goes on as soon as it can.
+    let late = play(Boot::default(), vec![Fault { kind: Kind::Nack, from: 0, until: 2_000_000 }]);
+    assert_eq!((late.start, late.motions), (Start::Ready, [1, 1]));
+}
+
+#[test]
+fn servos_that_cannot_say_where_they_stand_get_no_pulses_before_a_release() {
+    let frames = motion();
+    let robot = robot("upper-body");
+    let ready = || (READY, Event::Ready { frames: frames.clone(), when: When::Then });
+    let scenario = |events, faults| Scenario { robot: &robot, boot: Boot::default(), events, faults, seed: 3 };
+    let waiting = run(&scenario(vec![ready()], vec![]));
+    assert_eq!((waiting.start, waiting.ready, waiting.motions), (Start::Waiting, None, [0, 0]));
+    // After a reset of the microcontroller alone the chip still gives pulses: they are taken away until the next release.
+    let second = (3_000_000, Event::Reset);
+    let reset = run(&scenario(vec![(0, Event::Release), ready(), second.clone()], vec![]));
+    assert_eq!((reset.start, reset.motions), (Start::Waiting, [1, 0]));
+    let again = run(&scenario(vec![(0, Event::Release), ready(), second, (4_000_000, Event::Release)], vec![]));
+    assert_eq!((again.start, again.end_state), (Start::Ready, EndState::Holding));
+    // Nor does anybody know where they are after more than a second without power.
+    let outage = |until| vec![Fault { kind: Kind::Brownout, from: 1_000_000, until }];
+    assert_eq!(run(&scenario(vec![(0, Event::Release), ready()], outage(1_900_000))).start, Start::Ready);
+    assert_eq!(run(&scenario(vec![(0, Event::Release), ready()], outage(2_500_000))).start, Start::Waiting);
 }
 
 #[test]

@@ -299,7 +299,13 @@ fn broken_motions_are_refused_before_anything_is_written() {
     assert!(glb::write_glb(&[], 0.05, &mut out).is_err() && out.is_empty());
     let robot = load("desk").expect("a preset");
     assert!(Timeline::of(&robot, &[], 20).is_err() && Timeline::of(&robot, &motion, 0).is_err());
-    assert!(Timeline::of(&robot, &motion, 300).is_err());
+    for frame_rate in [1, 255, 256, 300, 1000] {
+        let frames = 3 * usize::from(frame_rate);
+        let motion: Vec<_> = motion.iter().cycle().take(frames).copied().collect();
+        let timeline = Timeline::of(&robot, &motion, frame_rate).expect("any frame rate but 0");
+        let seconds = timeline.time(timeline.motion_ticks);
+        assert!((seconds - 3.0).abs() < 0.1, "{frame_rate} frames a second: {seconds} s");
+    }
     let played = Timeline::of(&robot, &motion, 20).expect("degenerate bones are no reason to fail");
     assert!(played.angles.iter().flatten().all(|angle| angle.is_finite()));
 }

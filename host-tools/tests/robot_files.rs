@@ -1,5 +1,7 @@
 //! `robot.toml`: what a good file means, and what is said about a bad one, and where.
 
+use std::path::Path;
+
 use motionette::Joint;
 use motionette::playback::robot::Source;
 use motionette::playback::{Axis, Bus, Rest, Robot};
@@ -12,10 +14,13 @@ fade = 0.5
 return_time = 2
 after = "neutral"
 finish_without_host = false
+creep = 12.5
+output_enable = 22
 
 [defaults]
 bus = "pca9685"
 pulse = [600, 2400]
+start = "neutral"
 speed = 250
 acceleration = 1500.5
 
@@ -31,6 +36,7 @@ name = "elbow"
 joint = "left_elbow"
 axis = "x"
 neutral = 90
+start = 170
 direction = "reversed"
 gain = 0.5
 range = [0, 180]
@@ -68,6 +74,7 @@ fn a_good_file_means_what_it_says() {
     let robot = parse(GOOD, "good.toml").expect("a good file");
     assert_eq!((robot.name.as_str(), robot.tick_rate, robot.fade, robot.return_time), ("golden", 80, 0.5, 2.0));
     assert_eq!((robot.after, robot.finish_without_host), (Rest::Neutral, false));
+    assert_eq!((robot.creep, robot.output_enable), (12.5, Some(22)));
     let [nod, elbow, pan, lift, spare] = &robot.channels[..] else { panic!("five channels") };
     assert_eq!(nod.name, "nod");
     assert_eq!(nod.source, Source::Joint(Joint::Neck.into(), Axis::X));
@@ -80,8 +87,43 @@ fn a_good_file_means_what_it_says() {
     assert_eq!((pan.source, pan.command, pan.bus), (Source::Heading, [1024, 2560], Bus::Sts3215 { id: 7 }));
     assert_eq!((lift.source, lift.gain, lift.command), (Source::Height, 200.0, [100, 900]));
     assert_eq!((spare.source, spare.bus), (Source::Still, Bus::Pwm { pin: 4 }));
+    let starts = [nod, elbow, pan, lift, spare].map(|channel| channel.start);
+    assert_eq!(starts, [Some(0.0), Some(170.0), None, None, Some(0.0)], "STS3215s say where they stand");
     let bytes = pack(&robot).expect("a packed robot");
     assert_eq!(Robot::open(&bytes).expect("the same robot"), robot);
+    let plain = parse(&GOOD.replace("creep = 12.5\noutput_enable = 22\n", ""), "plain").expect("both may be left out");
+    assert_eq!((plain.creep, plain.output_enable), (20.0, None));
+}
+
+#[test]
+fn packed_robots_of_version_1_are_read_and_what_they_lack_is_said() {
+    // As they were packed before version 2: the presets of that time.
+    for (file, servos) in [("version1-upper-body.bin", 12), ("version1-desk.bin", 0)] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/robots").join(file);
+        assert!(matches!(robot_file::read(&path), Err(Error::Packed { .. })), "no firmware moves with it");
+        let refused = robot_file::lift(&path, false);
+        if servos > 0 {
+            let error = refused.expect_err("nobody knows where these servos stand").to_string();
+            assert!(error.contains("waist yaw, waist pitch") && error.contains("--start neutral"), "{error}");
+        } else {
+            assert_eq!(refused.expect("nothing is missing"), robot_file::lift(&path, true).expect("nor here"));
+        }
+        let lifted = robot_file::lift(&path, true).expect("sound").expect("of version 1");
+        let today = robot_file::load(lifted.robot.name.as_str()).expect("a preset");
+        assert_eq!(lifted.robot, today, "the presets say what is taken");
+        assert!(lifted.taken[0].contains("creep"), "{:?}", lifted.taken);
+        assert_eq!(lifted.taken.len(), if servos > 0 { 3 } else { 1 });
+        let mut damaged = std::fs::read(&path).expect("a file");
+        let last = damaged.len() - 1;
+        damaged[last] ^= 1;
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("damaged.bin"), &damaged).expect("a file");
+        assert!(matches!(robot_file::lift(&folder.path().join("damaged.bin"), true), Err(Error::Packed { .. })));
+        std::fs::write(folder.path().join("short.bin"), &damaged[..40]).expect("a file");
+        assert!(matches!(robot_file::lift(&folder.path().join("short.bin"), true), Err(Error::Packed { .. })));
+        std::fs::write(folder.path().join("today.bin"), pack(&today).expect("packed")).expect("a file");
+        assert_eq!(robot_file::lift(&folder.path().join("today.bin"), false).expect("sound"), None);
+    }
 }
 
 /// A file of one sound channel with a line replaced or added, so that a case is one line long.
@@ -94,7 +136,7 @@ fade = 0.3
 bus = "pca9685"
 pulse = [600, 2400]
 speed = 250
-
+start = "neutral"
 [[channel]]
 name = "nod"
 joint = "neck"
@@ -176,6 +218,18 @@ fn every_fault_is_found_at_its_line() {
         ("output = 3", "output = 3\naddress = 0x70".into(), 18, "address 0x70 is none of a PCA9685"),
         ("output = 3", "bus = \"sts3215\"\nid = 255".into(), 18, "output 255 does not exist: 0 to 253 do"),
         ("range = [-40, 50]", "range = [-200, 50]\nbus = \"sts3215\"\nid = 1".into(), 15, "beyond a turn of the servo"),
+        // The start.
+        ("start = \"neutral\"\n", "\n".into(), 10, "this channel has no start: give it one, here or in [defaults]"),
+        (
+            "start = \"neutral\"",
+            "start = \"upright\"".into(),
+            9,
+            "a number of degrees, or \"neutral\", not \"upright\"",
+        ),
+        ("start = \"neutral\"", "start = 51".into(), 9, "start is 51 degrees, outside the range -40 to 50"),
+        ("fade = 0.3", "creep = 91".into(), 3, "it must be 1 to 90"),
+        ("fade = 0.3", "output_enable = 256".into(), 3, "a whole number from 0 to 255, not 256"),
+        ("output = 3", "bus = \"sts3215\"\nid = 1\nstart = 0".into(), 19, "has no start: remove it"),
         // Two channels in each other's way.
         (
             "output = 3\n",
@@ -216,12 +270,12 @@ fn a_robot_without_channels_or_with_too_many_is_refused() {
     assert!(found.len() == 1 && found[0].line == 1 && found[0].message.contains("no channels"), "{found:?}");
     let channel = |n: usize| {
         format!(
-            "[[channel]]\nname = \"{n}\"\nfollows = \"still\"\nrange = [-1, 1]\nspeed = 9\nacceleration = 90\nbus = \"pwm\"\npulse = [1000, 2000]\npin = {n}\n"
+            "[[channel]]\nname = \"{n}\"\nfollows = \"still\"\nrange = [-1, 1]\nspeed = 9\nacceleration = 90\nbus = \"pwm\"\npulse = [1000, 2000]\npin = {n}\nstart = 0\n"
         )
     };
     let text: String = (0..33).map(channel).collect();
     let found = problems(&text);
-    assert!(found.len() == 1 && found[0].line == 32 * 9 + 1, "{found:?}");
+    assert!(found.len() == 1 && found[0].line == 32 * 10 + 1, "{found:?}");
     assert!(found[0].message.contains("at most 32 channels"), "{found:?}");
     assert_eq!(parse(&(0..32).map(channel).collect::<String>(), "32").expect("32 are fine").channels.len(), 32);
 }
@@ -236,10 +290,10 @@ fn all_problems_come_at_once_in_the_order_of_lines_and_once_each() {
         .replace("id = 7", "id = \"seven\"");
     let found = parse(&text, "many.toml").expect_err("five problems");
     let lines: Vec<usize> = found.problems.iter().map(|problem| problem.line).collect();
-    assert_eq!(lines, [3, 11, 17, 29, 40], "{found}");
+    assert_eq!(lines, [3, 13, 20, 33, 44], "{found}");
     let shown = found.to_string();
     assert!(shown.starts_with("many.toml has 5 problems\n\nmany.toml:3: tick_rate is 5"), "{shown}");
-    assert!(shown.contains("\n   29 | range = [180, 0]\n      |         ^^^^^^^^\n"), "{shown}");
+    assert!(shown.contains("\n   33 | range = [180, 0]\n      |         ^^^^^^^^\n"), "{shown}");
 }
 
 #[test]

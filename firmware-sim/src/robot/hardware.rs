@@ -5,23 +5,17 @@ use std::collections::BTreeMap;
 use motionette::hash::Stream;
 use motionette::playback::{Bus, Channel, Robot};
 
+use super::motor::{Drive, Motor, STEP};
 use super::pca9685::Pca9685;
 use super::sts3215::{Chain, Sts3215};
 
-/// Seconds of a step of the motors.
-const STEP: f64 = 1e-3;
-/// How fast a servo's own controller closes in, per second.
-const GAIN: f64 = 40.0;
-
-/// A servo's motor and gears.
-#[derive(Debug, Clone)]
-struct Motor {
-    /// Degrees.
-    angle: f64,
-    /// Degrees a second that it reaches without load.
-    slew: f64,
-    /// Share of that which its load takes.
-    load: f64,
+/// How power comes up.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Boot {
+    /// Where the servos stand, degrees; at their neutral angles when there are none.
+    pub pose: Vec<f64>,
+    /// Somebody holds the robot in that pose until its servos do.
+    pub held: bool,
 }
 
 /// Everything behind the buses.
@@ -35,6 +29,8 @@ pub struct Hardware {
     pub pins: BTreeMap<u8, u16>,
     channels: Vec<Channel>,
     motors: Vec<Motor>,
+    /// Chips and motors have power.
+    powered: bool,
     time: u64,
 }
 
@@ -52,28 +48,32 @@ impl Hardware {
     /// The hardware that `robot` describes, at rest at its neutral angles; loads are drawn.
     #[must_use]
     pub fn new(robot: &Robot, seed: u64) -> Self {
+        Self::booted(robot, &Boot::default(), seed)
+    }
+
+    /// The hardware that `robot` describes as power comes up. What hangs on the servos hangs at neutral, and how heavy it is is drawn.
+    #[must_use]
+    pub fn booted(robot: &Robot, boot: &Boot, seed: u64) -> Self {
         let mut random = Stream::new(seed ^ 0x10AD);
         let channels: Vec<Channel> = robot.channels.iter().cloned().collect();
-        let (mut chips, mut chain) = (BTreeMap::new(), Chain::default());
-        for channel in &channels {
+        let (mut chips, mut chain, mut motors) = (BTreeMap::new(), Chain::default(), Vec::new());
+        for (index, channel) in channels.iter().enumerate() {
+            let neutral = f64::from(channel.neutral);
+            let angle = boot.pose.get(index).copied().unwrap_or(neutral);
             match channel.bus {
                 Bus::Pca9685 { address, .. } => {
                     chips.entry(address).or_insert_with(Pca9685::default);
                 }
                 Bus::Sts3215 { id } => {
-                    let position = command(channel, f64::from(channel.neutral)).round() as u16;
-                    chain.servos.push(Sts3215::new(id, position));
+                    let stiff = random.below(2) == 1;
+                    chain.servos.push(Sts3215::new(id, command(channel, angle).round() as u16, stiff));
                 }
                 Bus::Pwm { .. } => {}
             }
+            let limits = (f64::from(channel.speed), f64::from(channel.acceleration));
+            motors.push(Motor::new(angle, limits, neutral, f64::from(random.below(1001)) / 1000.0, boot.held));
         }
-        let motor = |channel: &Channel| Motor {
-            angle: f64::from(channel.neutral),
-            slew: 1.25 * f64::from(channel.speed),
-            load: f64::from(random.below(300)) / 1000.0,
-        };
-        let motors = channels.iter().map(motor).collect();
-        Hardware { chips, chain, pins: BTreeMap::new(), channels, motors, time: 0 }
+        Hardware { chips, chain, pins: BTreeMap::new(), channels, motors, powered: true, time: 0 }
     }
 
     /// The command that a servo hears now; `None` when it hears none.
@@ -85,7 +85,7 @@ impl Hardware {
                 let servo = self.chain.servos.iter().find(|servo| servo.id == id)?;
                 servo.goal.filter(|_| servo.torque).map(f64::from)
             }
-            Bus::Pwm { pin } => self.pins.get(&pin).map(|duty| f64::from(*duty)),
+            Bus::Pwm { pin } => self.pins.get(&pin).filter(|duty| **duty > 0).map(|duty| f64::from(*duty)),
         }
     }
 
@@ -107,14 +107,35 @@ impl Hardware {
     /// Where a servo stands, degrees.
     #[must_use]
     pub fn reached(&self, channel: usize) -> f64 {
-        self.motors[channel].angle
+        self.motors[channel].angle()
     }
 
-    /// Chips and servos lose their power and get it back.
-    pub fn reset(&mut self) {
+    /// Chips and servos lose their power, or get it back and have forgotten everything.
+    pub fn power(&mut self, on: bool) {
+        self.powered = on;
         self.chips.values_mut().for_each(Pca9685::reset);
         self.chain.servos.iter_mut().for_each(Sts3215::reset);
         self.chain.answers.clear();
+    }
+
+    /// What drives a servo's motor.
+    fn drive(&self, index: usize) -> Drive {
+        let channel = &self.channels[index];
+        if let Bus::Sts3215 { id } = channel.bus {
+            let servo = self.chain.servos.iter().find(|servo| servo.id == id);
+            let Some(servo) = servo.filter(|servo| servo.torque && self.powered) else { return Drive::Off };
+            // Degrees a position.
+            let scale = degrees(channel, 1.0) - degrees(channel, 0.0);
+            return Drive::Profile {
+                goal: degrees(channel, f64::from(servo.goal.unwrap_or(servo.woke_at))),
+                speed: scale * f64::from(servo.speed),
+                acceleration: scale * 100.0 * f64::from(servo.acceleration),
+            };
+        }
+        match self.heard(index) {
+            Some(heard) if self.powered => Drive::Pulses(degrees(channel, heard)),
+            _ => Drive::Off,
+        }
     }
 
     /// Motors move until `time`, microseconds.
@@ -122,16 +143,13 @@ impl Hardware {
         while self.time < time {
             self.time += (STEP * 1e6) as u64;
             for index in 0..self.motors.len() {
-                // Without a command the gears keep it where it is.
-                let Some(goal) = self.heard(index).map(|heard| self.degrees(index, heard)) else { continue };
-                let motor = &mut self.motors[index];
-                let most = motor.slew * (1.0 - motor.load);
-                motor.angle += (GAIN * (goal - motor.angle)).clamp(-most, most) * STEP;
+                let drive = self.drive(index);
+                self.motors[index].step(drive);
             }
             for servo in &mut self.chain.servos {
                 let index = self.channels.iter().position(|channel| channel.bus == Bus::Sts3215 { id: servo.id });
                 if let Some(index) = index {
-                    servo.position = command(&self.channels[index], self.motors[index].angle).round() as u16;
+                    servo.position = command(&self.channels[index], self.motors[index].angle()).round() as u16;
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! The robot's stage of the main job: the firmware starts, the motion is played, and what was asked to go wrong goes wrong.
+//! The robot's stage of the main job: the firmware starts with the robot at neutral and released, the motion is played, and what was asked to go wrong goes wrong.
 
 use anyhow::Result;
 use motionette::motion::Pose;
@@ -7,6 +7,7 @@ use motionette::{Anchor, Model, Request};
 
 use super::faults::{self, Fault, Kind};
 use super::firmware;
+use super::hardware::Boot;
 use super::report::{self, RobotReport, ShownRobot};
 use super::simulation::{self, Event, Run, Scenario};
 
@@ -58,7 +59,8 @@ impl Stage<'_> {
             firmware::in_too_small_an_arena(self.model, self.request, &mut boot)?;
         }
         let end = READY + self.frames.len() as u64 * 50_000;
-        let mut events = vec![(READY, Event::Ready { frames: self.frames.to_vec(), when: When::Then })];
+        let mut events =
+            vec![(0, Event::Release), (READY, Event::Ready { frames: self.frames.to_vec(), when: When::Then })];
         let electrical: Vec<Kind> = self.faults.iter().copied().filter(|kind| kind.is_electrical()).collect();
         let mut faults = faults::schedule(&electrical, self.seed, [READY + 300_000, end.max(READY + 600_000)]);
         for &kind in self.faults.iter().filter(|kind| !kind.is_electrical()) {
@@ -76,8 +78,13 @@ impl Stage<'_> {
             ));
             events.push((end + OVERDUE, Event::Ready { frames, when: When::Then }));
         }
-        let run: Run =
-            simulation::run(&Scenario { robot: self.robot, events, faults: faults.clone(), seed: self.seed });
+        let run: Run = simulation::run(&Scenario {
+            robot: self.robot,
+            boot: Boot::default(),
+            events,
+            faults: faults.clone(),
+            seed: self.seed,
+        });
         Ok(Played {
             report: RobotReport::new(self, &run, &boot, &faults),
             shown: ShownRobot::new(self.robot, &run, &faults),

@@ -4,12 +4,17 @@ use std::collections::VecDeque;
 
 /// Where a packet's parts lie.
 const HEADER: usize = 4;
-/// Registers from torque to goal to position that matter here.
-const TORQUE: u8 = 40;
-const GOAL: u8 = 42;
-const GOAL_HIGH: u8 = 43;
-const POSITION: u8 = 56;
-const POSITION_HIGH: u8 = 57;
+/// Registers that matter here, of two bytes each but for the first two.
+mod register {
+    pub const TORQUE: u8 = 40;
+    pub const ACCELERATION: u8 = 41;
+    pub const GOAL: u8 = 42;
+    pub const GOAL_HIGH: u8 = 43;
+    pub const SPEED: u8 = 46;
+    pub const SPEED_HIGH: u8 = 47;
+    pub const POSITION: u8 = 56;
+    pub const POSITION_HIGH: u8 = 57;
+}
 
 /// A servo's controller.
 #[derive(Debug, Clone)]
@@ -20,8 +25,16 @@ pub struct Sts3215 {
     pub torque: bool,
     /// Where it is to go, 4096 a turn; `None` before it was told.
     pub goal: Option<u16>,
+    /// Largest acceleration, 100 positions a second squared; 0 is as much as it can.
+    pub acceleration: u8,
+    /// Largest speed, positions a second; 0 is as fast as it can.
+    pub speed: u16,
     /// Where it stands.
     pub position: u16,
+    /// Where it stood when power came up: it holds there while its motor is on and no goal has come.
+    pub woke_at: u16,
+    /// Whether its firmware switches the motor on when power comes up. Both are sold.
+    stiff: bool,
     /// Error bits that it reports.
     pub flags: u8,
     /// Microseconds until it answers.
@@ -29,31 +42,56 @@ pub struct Sts3215 {
 }
 
 impl Sts3215 {
-    /// A servo that stands at `position`, its motor off.
+    /// A servo that stands at `position` as power comes up, with its motor on if it is a `stiff` one.
     #[must_use]
-    pub fn new(id: u8, position: u16) -> Self {
-        Sts3215 { id, torque: false, goal: None, position, flags: 0, delay: 100 }
+    pub const fn new(id: u8, position: u16, stiff: bool) -> Self {
+        Sts3215 {
+            id,
+            torque: stiff,
+            goal: None,
+            acceleration: 0,
+            speed: 0,
+            position,
+            woke_at: position,
+            stiff,
+            flags: 0,
+            delay: 100,
+        }
     }
 
     /// Power is lost and comes back.
     pub fn reset(&mut self) {
-        (self.torque, self.goal) = (false, None);
+        *self = Sts3215 { flags: self.flags, delay: self.delay, ..Sts3215::new(self.id, self.position, self.stiff) };
     }
 
     fn write(&mut self, register: u8, data: &[u8]) {
-        match (register, data) {
-            (TORQUE, [on]) => self.torque = *on != 0,
-            (GOAL, [low, high]) => self.goal = Some(u16::from_le_bytes([*low, *high]) & 0x0FFF),
-            _ => {}
+        for (register, byte) in (register..).zip(data) {
+            let ([_, goal], [speed_low, _]) = (self.goal.unwrap_or_default().to_be_bytes(), self.speed.to_le_bytes());
+            match register {
+                register::TORQUE => self.torque = *byte != 0,
+                register::ACCELERATION => self.acceleration = *byte,
+                register::GOAL => self.goal = Some(u16::from_le_bytes([*byte, 0])),
+                register::GOAL_HIGH => {
+                    self.goal = Some(u16::from_le_bytes([goal, *byte]) & 0x0FFF);
+                    // A new goal switches the motor on: not every firmware does so, and this one must not be a surprise.
+                    self.torque = true;
+                }
+                register::SPEED => self.speed = u16::from_le_bytes([*byte, 0]),
+                register::SPEED_HIGH => self.speed = u16::from_le_bytes([speed_low, *byte]),
+                _ => {}
+            }
         }
     }
 
     fn read(&self, register: u8, length: u8) -> Vec<u8> {
-        let [goal, position] = [self.goal.unwrap_or(self.position), self.position].map(u16::to_le_bytes);
+        let [goal, speed, position] =
+            [self.goal.unwrap_or(self.position), self.speed, self.position].map(u16::to_le_bytes);
         let at = |register: u8| match register {
-            TORQUE => u8::from(self.torque),
-            GOAL..=GOAL_HIGH => goal[usize::from(register - GOAL)],
-            POSITION..=POSITION_HIGH => position[usize::from(register - POSITION)],
+            register::TORQUE => u8::from(self.torque),
+            register::ACCELERATION => self.acceleration,
+            register::GOAL..=register::GOAL_HIGH => goal[usize::from(register - register::GOAL)],
+            register::SPEED..=register::SPEED_HIGH => speed[usize::from(register - register::SPEED)],
+            register::POSITION..=register::POSITION_HIGH => position[usize::from(register - register::POSITION)],
             _ => 0,
         };
         (0..length).map(|offset| at(register.wrapping_add(offset))).collect()
@@ -135,7 +173,8 @@ mod tests {
 
     #[test]
     fn packets_of_the_manual_are_understood_and_damaged_ones_are_not() {
-        let mut chain = Chain { servos: vec![Sts3215::new(1, 2048), Sts3215::new(2, 100)], ..Chain::default() };
+        let mut chain =
+            Chain { servos: vec![Sts3215::new(1, 2048, false), Sts3215::new(2, 100, false)], ..Chain::default() };
         // Read two bytes of the position of servo 1, in pieces and behind noise.
         chain.receive(&[0x55, 0xFF, 0xFF, 0x01, 0x04], 0, 10);
         chain.receive(&[0x02, 0x38, 0x02, 0xBE], 50, 10);
@@ -150,5 +189,13 @@ mod tests {
         assert!(chain.servos.iter().all(|servo| servo.goal.is_none()));
         chain.receive(&packet, 200, 10);
         assert_eq!((chain.servos[0].goal, chain.servos[1].goal), (Some(2000), Some(1000)));
+        // Acceleration, goal, time and speed of servo 1 at once, read back.
+        let mut packet = vec![0xFF, 0xFF, 0x01, 0x0A, 0x03, 0x29, 50, 0xE8, 0x03, 0, 0, 0xDC, 0x05];
+        packet.push(checksum(&packet[2..]));
+        chain.receive(&packet, 300, 10);
+        assert_eq!((chain.servos[0].acceleration, chain.servos[0].goal, chain.servos[0].speed), (50, Some(1000), 1500));
+        assert_eq!(chain.servos[0].read(40, 8), [1, 50, 0xE8, 0x03, 0, 0, 0xDC, 0x05]);
+        chain.servos[0].reset();
+        assert_eq!((chain.servos[0].torque, chain.servos[0].acceleration), (false, 0), "forgotten");
     }
 }

@@ -147,6 +147,8 @@ fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener) -> R
     let line: &'static mut Line<CHANNELS, FRAMES> = Box::leak(Box::default());
     let vitals: &'static Vitals = Box::leak(Box::default());
     let Ends { mut feeder, player, control } = line.split(robot)?;
+    // The simulated robot stands where its description says.
+    control.release();
     let store = Store::open(&flash);
     let station = Station::new(&robot.name, preset, control, vitals, Some(flash), &store);
     let station: Shared = Arc::new(Mutex::new(station));

@@ -39,6 +39,6 @@ fn of_robot(error: &Error) -> Option<&'static str> {
         }
         Error::Packed { .. } => Some("pack it again from its robot.toml with `motionette robot pack`"),
         // The cause says more.
-        Error::Read { .. } => None,
+        Error::Read { .. } | Error::NoStart { .. } => None,
     }
 }

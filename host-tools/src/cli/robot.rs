@@ -54,12 +54,22 @@ struct Check {
 /// Example: motionette robot pack robot.toml -o robot.bin
 #[derive(Debug, Args)]
 struct Pack {
-    /// A preset, a robot.toml or a packed robot.
+    /// A preset, a robot.toml or a packed robot, also one of version 1.
     #[arg(value_name = "NAME|FILE")]
     robot: String,
+    /// Where the servos of a packed robot of version 1 stand when power comes up, which it does not say.
+    #[arg(long, value_enum, value_name = "POSE")]
+    start: Option<StartPose>,
     /// The packed robot to write.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+}
+
+/// A pose for the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum StartPose {
+    /// Every servo at its neutral angle.
+    Neutral,
 }
 
 /// Says how well a robot can do a motion: what each servo is asked for, and how far the body is off.
@@ -118,11 +128,13 @@ fn table(robot: &Robot) {
         robot.fade,
         robot.return_time
     ));
+    let enable = robot.output_enable.map_or(String::new(), |pin| format!("; pin {pin} enables its outputs"));
+    say(&format!("creeps at {} degrees a second until it is known to stand where it should{enable}", robot.creep));
     say(&format!(
-        "{:24} {:19} {:>8} {:>6} {:>14} {:>12} {:>7} {:>9}  connected",
-        "servo", "follows", "neutral", "gain", "range", "commands", "deg/s", "deg/s^2"
+        "{:24} {:19} {:>8} {:>8} {:>6} {:>14} {:>12} {:>7} {:>9}  connected",
+        "servo", "follows", "neutral", "start", "gain", "range", "commands", "deg/s", "deg/s^2"
     ));
-    for Channel { name, source, neutral, gain, range, command, speed, acceleration, bus } in &robot.channels {
+    for Channel { name, source, neutral, start, gain, range, command, speed, acceleration, bus } in &robot.channels {
         let follows = match source {
             Followed::Joint(joint, axis) => {
                 let axis = match axis {
@@ -136,6 +148,7 @@ fn table(robot: &Robot) {
             Followed::Height => "height".to_owned(),
             Followed::Still => "nothing".to_owned(),
         };
+        let start = start.map_or("read".to_owned(), |start| start.to_string());
         let connected = match bus {
             Bus::Pwm { pin } => format!("pin {pin}"),
             Bus::Pca9685 { address, output } => format!("PCA9685 {address:#04x} output {output}"),
@@ -144,7 +157,7 @@ fn table(robot: &Robot) {
         let [range, command] = [range.map(|end| end.to_string()), command.map(|end| end.to_string())];
         let [range, command] = [range, command].map(|ends| ends.join(" to "));
         say(&format!(
-            "{name:24} {follows:19} {neutral:>8} {gain:>6} {range:>14} {command:>12} {speed:>7} {acceleration:>9}  {connected}"
+            "{name:24} {follows:19} {neutral:>8} {start:>8} {gain:>6} {range:>14} {command:>12} {speed:>7} {acceleration:>9}  {connected}"
         ));
     }
 }
@@ -160,10 +173,19 @@ impl Check {
 
 impl Pack {
     fn run(self) -> Result<Value> {
-        let bytes = robot_file::pack(&robot_file::load(&self.robot)?)?;
+        let path = PathBuf::from(&self.robot);
+        let lifted = if path.is_file() { robot_file::lift(&path, self.start.is_some())? } else { None };
+        let (robot, taken) = match lifted {
+            Some(robot_file::Lifted { robot, taken }) => (robot, taken),
+            None => (robot_file::load(&self.robot)?, Vec::new()),
+        };
+        for taken in &taken {
+            say(&format!("version 1: {taken}"));
+        }
+        let bytes = robot_file::pack(&robot)?;
         write_atomic(&self.output, |w| w.write_all(&bytes)).context("writing the packed robot")?;
         say(&format!("{} bytes to {}", bytes.len(), self.output.display()));
-        Ok(json!({"output": self.output, "bytes": bytes.len()}))
+        Ok(json!({"output": self.output, "bytes": bytes.len(), "taken": taken}))
     }
 }
 

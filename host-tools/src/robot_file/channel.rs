@@ -8,12 +8,13 @@ use motionette::playback::{Axis, Bus, Channel};
 use super::reader::{Places, Reader, Table, commands, nearest, number, pair};
 
 /// Keys of a channel.
-pub(super) const CHANNEL_KEYS: [&str; 17] = [
+pub(super) const CHANNEL_KEYS: [&str; 18] = [
     "name",
     "joint",
     "axis",
     "follows",
     "neutral",
+    "start",
     "range",
     "direction",
     "gain",
@@ -29,8 +30,8 @@ pub(super) const CHANNEL_KEYS: [&str; 17] = [
 ];
 
 /// Keys of a channel that may have a default.
-pub(super) const DEFAULT_KEYS: [&str; 10] =
-    ["neutral", "range", "direction", "gain", "pulse", "position", "speed", "acceleration", "bus", "address"];
+pub(super) const DEFAULT_KEYS: [&str; 11] =
+    ["neutral", "start", "range", "direction", "gain", "pulse", "position", "speed", "acceleration", "bus", "address"];
 
 /// Steps of an STS3215 in a turn; half of them is its middle.
 const STEPS: f32 = 4096.0;
@@ -64,6 +65,7 @@ pub(super) fn read(reader: &mut Reader<'_>, mut table: Table<'_, '_>, meant: &[&
     let range = range.unwrap_or([-MAX_ANGLE, MAX_ANGLE]);
     let neutral = reader.number(table, "neutral", " of degrees").unwrap_or(0.0);
     let (bus, command) = connection(reader, table, range);
+    let start = start(reader, table, bus, neutral);
     let gain = gain(reader, table, source);
     let mut limit = |key, example| {
         reader.number(table, key, "").unwrap_or_else(|| {
@@ -76,7 +78,7 @@ pub(super) fn read(reader: &mut Reader<'_>, mut table: Table<'_, '_>, meant: &[&
     let speed = limit("speed", "speed = 300, degrees a second");
     let acceleration = limit("acceleration", "acceleration = 2000, degrees a second squared");
     let name = name.unwrap_or_default();
-    let channel = Channel { name, source, neutral, gain, range, command, speed, acceleration, bus };
+    let channel = Channel { name, source, neutral, start, gain, range, command, speed, acceleration, bus };
     (channel, std::mem::take(&mut table.places))
 }
 
@@ -127,6 +129,23 @@ fn joint(reader: &mut Reader<'_>, table: &mut Table<'_, '_>) -> Option<u8> {
     None
 }
 
+/// Where a servo that cannot say it stands when power comes up.
+fn start(reader: &mut Reader<'_>, table: &mut Table<'_, '_>, bus: Bus, neutral: f32) -> Option<f32> {
+    if bus.reads_back() {
+        // A default is for the others.
+        return None;
+    }
+    let start = reader.value(table, "start", "a number of degrees, or \"neutral\"", |value| match value.as_str() {
+        Some("neutral") => Some(neutral),
+        Some(_) => None,
+        None => number(value),
+    });
+    if start.is_none() && table.places.sound(&["start", "bus"]) {
+        missing(reader, table, "start", "start = \"neutral\", or the angle at which it stands when power comes up");
+    }
+    start
+}
+
 fn gain(reader: &mut Reader<'_>, table: &mut Table<'_, '_>, source: Source) -> f32 {
     let reversed = reader.word(table, "direction", &[("normal", false), ("reversed", true)]).unwrap_or(false);
     let gain = reader.number(table, "gain", "");
@@ -154,7 +173,7 @@ fn connection(reader: &mut Reader<'_>, table: &mut Table<'_, '_>, range: [f32; 2
     let (own, foreign): (&'static str, &[&str]) = match kind {
         Kind::Pwm => ("pin", &["address", "output", "id", "position"]),
         Kind::Pca9685 => ("output", &["pin", "id", "position"]),
-        Kind::Sts3215 => ("id", &["pin", "address", "output", "pulse"]),
+        Kind::Sts3215 => ("id", &["pin", "address", "output", "pulse", "start"]),
     };
     for (key, value) in table.own.iter().filter(|(key, _)| foreign.contains(&&**key.get_ref())) {
         let name = KINDS.iter().find(|(_, other)| *other == kind).map_or("", |(name, _)| name);

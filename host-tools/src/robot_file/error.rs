@@ -27,6 +27,18 @@ pub enum Error {
     /// Something in the text is wrong.
     #[error(transparent)]
     Invalid(#[from] Problems),
+    /// A packed robot of version 1 does not say where its servos stand when power comes up.
+    #[error(
+        "the packed robot {} is of version 1, which does not say where these servos stand when power comes up: {channels}. They cannot \
+         say it themselves: give `start` in a robot.toml, or `--start neutral` if all of them stand at their neutral angles then",
+        path.display()
+    )]
+    NoStart {
+        /// The file.
+        path: PathBuf,
+        /// Their names, with commas.
+        channels: String,
+    },
     /// The file is a packed robot that the runtime refuses.
     #[error("the packed robot {} is refused", path.display())]
     Packed {

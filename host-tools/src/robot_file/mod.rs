@@ -25,6 +25,7 @@ mod channel;
 mod error;
 mod presets;
 mod reader;
+mod version1;
 mod violations;
 
 use std::path::Path;
@@ -34,6 +35,7 @@ use motionette::playback::robot::{MAGIC, MAX_BYTES, RobotError};
 
 pub use error::{Error, Problem, Problems};
 pub use presets::{PRESETS, Preset, preset, preset_names};
+pub use version1::{Lifted, lift};
 
 /// A robot by the name of a preset, or from a file: a `robot.toml` or a packed robot.
 ///

@@ -13,8 +13,21 @@ use super::error::Problem;
 use super::violations;
 
 /// Keys of the whole robot.
-const ROBOT_KEYS: [&str; 8] =
-    ["name", "tick_rate", "fade", "return_time", "after", "finish_without_host", "defaults", "channel"];
+const ROBOT_KEYS: [&str; 10] = [
+    "name",
+    "tick_rate",
+    "fade",
+    "return_time",
+    "after",
+    "finish_without_host",
+    "creep",
+    "output_enable",
+    "defaults",
+    "channel",
+];
+
+/// Degrees a second at which a robot creeps that does not say it.
+pub(super) const CREEP: f32 = 20.0;
 
 /// Bytes of the text.
 pub(super) type Span = Range<usize>;
@@ -225,6 +238,8 @@ pub(super) fn parse(source: &str) -> Result<Robot, Vec<Problem>> {
         finish_without_host: reader
             .value(&mut table, "finish_without_host", "true or false", DeValue::as_bool)
             .unwrap_or(true),
+        creep: reader.number(&mut table, "creep", " of degrees a second").unwrap_or(CREEP),
+        output_enable: reader.whole(&mut table, "output_enable", 255),
         channels: heapless::Vec::new(),
     };
     let defaults = reader.value(&mut table, "defaults", "a table: [defaults]", DeValue::as_table);

@@ -31,9 +31,6 @@ pub enum Error {
     /// There is nothing to play.
     #[error("the motion has no frames")]
     NoFrames,
-    /// The frame rate is none that can be played.
-    #[error("a motion of {0} frames a second cannot be played; 1 to 255 can")]
-    FrameRate(u16),
 }
 
 /// What servos are told, tick by tick.
@@ -62,10 +59,8 @@ impl Timeline {
         if frames.is_empty() {
             return Err(Error::NoFrames);
         }
-        if !(1..=255).contains(&frame_rate) {
-            return Err(Error::FrameRate(frame_rate));
-        }
-        let mut line = Line::<MAX_CHANNELS, 64>::new();
+        // Room for all that a tick may take: 65535 frames a second at 20 ticks.
+        let mut line = Box::new(Line::<MAX_CHANNELS, 4096>::new());
         let Ends { mut feeder, mut player, .. } = line.split(robot)?;
         let names = robot.channels.iter().map(|channel| channel.name.to_string()).collect();
         let (tick_rate, mut angles, mut commands) = (robot.tick_rate, Vec::new(), Vec::new());

@@ -75,8 +75,9 @@ pub struct Control {
     hold: AtomicBool,
     neutral: AtomicBool,
     release: AtomicBool,
-    /// Number of the motion before which everything queued is thrown away.
-    pub(super) cut: AtomicU8,
+    /// Number of the motion that was queued last, and that of the motion before which everything is thrown away.
+    queued: AtomicU32,
+    cut: AtomicU32,
     state: AtomicU8,
     start: AtomicU32,
     ticks: AtomicU32,
@@ -96,7 +97,8 @@ impl Control {
             hold: AtomicBool::new(false),
             neutral: AtomicBool::new(false),
             release: AtomicBool::new(false),
-            cut: AtomicU8::new(0),
+            queued: AtomicU32::new(0),
+            cut: AtomicU32::new(0),
             state: AtomicU8::new(State::Holding as u8),
             start: AtomicU32::new(Start::Reading.to_bits()),
             ticks: AtomicU32::new(0),
@@ -111,6 +113,7 @@ impl Control {
     /// Emergency stop: every servo brakes as hard as its acceleration allows and stands; what was queued is thrown away. Stays in force
     /// until [`Control::resume`], whatever else is ordered.
     pub fn stop(&self) {
+        self.throw_away();
         self.stop.store(true, Ordering::Release);
     }
 
@@ -121,18 +124,23 @@ impl Control {
 
     /// The robot returns to its neutral angles; what was queued is thrown away.
     pub fn neutral(&self) {
+        self.throw_away();
         self.neutral.store(true, Ordering::Release);
     }
 
-    /// Takes back stop, hold and return: a held motion goes on, the next one can begin.
+    /// Takes back stop, hold and return: a held motion goes on, the next one can begin. What was queued during a stop or a return is
+    /// thrown away.
     pub fn resume(&self) {
+        if matches!(self.wish(), Wish::Stop | Wish::Neutral) {
+            self.throw_away();
+        }
         self.neutral.store(false, Ordering::Release);
         self.hold.store(false, Ordering::Release);
         self.stop.store(false, Ordering::Release);
     }
 
     /// Lets servos that cannot say where they stand have their first pulses: the robot has been brought to the pose that its
-    /// description states for the start. Stays in force.
+    /// description states for the start. Stays in force, unless they lose their power for so long that nobody knows where they are.
     pub fn release(&self) {
         self.release.store(true, Ordering::Release);
     }
@@ -141,6 +149,11 @@ impl Control {
     #[must_use]
     pub fn released(&self) -> bool {
         self.release.load(Ordering::Acquire)
+    }
+
+    /// It takes another [`Control::release`].
+    pub(super) fn withdraw(&self) {
+        self.release.store(false, Ordering::Release);
     }
 
     /// How the start stands.
@@ -164,6 +177,21 @@ impl Control {
             starved: read(&self.starved),
             limited: read(&self.limited),
         }
+    }
+
+    /// Everything queued so far is not to be played, nor is what is still to come of the motion that was begun last.
+    pub(super) fn throw_away(&self) {
+        self.cut.store(self.queued.load(Ordering::Acquire).wrapping_add(1), Ordering::Release);
+    }
+
+    /// Only the feeder says so: the motion of this number is queued from now on.
+    pub(super) fn begin(&self, number: u32) {
+        self.queued.store(number, Ordering::Release);
+    }
+
+    /// Number of the first motion that is not thrown away.
+    pub(super) fn cut(&self) -> u32 {
+        self.cut.load(Ordering::Acquire)
     }
 
     pub(super) fn wish(&self) -> Wish {

@@ -1,7 +1,6 @@
 //! The line from whoever makes motions to the interrupt that plays them: a lock-free queue of mapped frames.
 
 use core::fmt;
-use core::sync::atomic::Ordering;
 
 use heapless::spsc::{Consumer, Producer, Queue};
 
@@ -25,15 +24,30 @@ const SAMPLED: usize = 8;
 pub(super) enum Item<const C: usize> {
     /// A motion begins.
     Begin {
-        /// Its number, never 0.
-        number: u8,
-        /// Frames a second.
-        frame_rate: u8,
+        /// Its number, high half first: an item has the alignment of its frames.
+        number: [u16; 2],
+        /// Frames a second, not 0.
+        frame_rate: u16,
     },
     /// Hundredths of a degree.
     Frame([i16; C]),
     /// The motion has no more frames.
     End,
+}
+
+/// Whether the motion of this number comes before that of the other one; numbers begin again after 2^32.
+pub(super) const fn is_before(number: u32, other: u32) -> bool {
+    other.wrapping_sub(number).wrapping_sub(1) < u32::MAX / 2
+}
+
+/// Halves of a number, and the number again.
+const fn halves(number: u32) -> [u16; 2] {
+    [(number >> 16) as u16, number as u16]
+}
+
+/// See [`halves`].
+pub(super) const fn whole([high, low]: [u16; 2]) -> u32 {
+    (high as u32) << 16 | low as u32
 }
 
 /// Static memory of a playback line: `C` servo channels, `N - 1` places for frames (a motion takes its frames and two more).
@@ -75,13 +89,14 @@ impl<const C: usize, const N: usize> Line<C, N> {
 }
 
 /// Bytes of a [`Line`] of `channels` servos that takes a whole motion of `frames` frames, `size_of::<Line<channels, frames + 3>>()`: a
-/// place takes two bytes a channel and two more; the queue two indices besides, and one place that stays free; orders and counters the
+/// place takes two bytes a channel and two more, at least eight; the queue two indices besides, and one place that stays free; orders and counters the
 /// rest.
 #[must_use]
 pub const fn line_bytes(channels: usize, frames: usize) -> usize {
     const ALIGN: usize = align_of::<Line<1, 2>>();
     const FIXED: usize = 2 * size_of::<usize>();
-    let queue = (FIXED + (frames + 3) * (2 * channels + 2)).next_multiple_of(align_of::<usize>());
+    let place = if channels < 3 { 8 } else { 2 * channels + 2 };
+    let queue = (FIXED + (frames + 3) * place).next_multiple_of(align_of::<usize>());
     (queue + size_of::<Control>()).next_multiple_of(ALIGN)
 }
 
@@ -131,6 +146,8 @@ pub enum Full {
         /// Places of the line.
         room: usize,
     },
+    /// The frame rate is 0: the motion would never advance.
+    NoFrameRate,
 }
 
 impl fmt::Display for Full {
@@ -138,6 +155,7 @@ impl fmt::Display for Full {
         match self {
             Full::Wait { needed, free } => write!(f, "the motion needs {needed} places in the line, {free} are free"),
             Full::Never { needed, room } => write!(f, "the motion needs {needed} places in the line, which has {room}"),
+            Full::NoFrameRate => write!(f, "the motion has 0 frames a second and would never advance: give 1 to 65535"),
         }
     }
 }
@@ -161,7 +179,7 @@ pub struct Feeder<'a, const C: usize> {
     mapper: Mapper,
     producer: Producer<'a, Item<C>>,
     control: &'a Control,
-    number: u8,
+    number: u32,
     open: bool,
 }
 
@@ -192,7 +210,7 @@ impl<const C: usize> Feeder<'_, C> {
     /// # Errors
     /// [`Full`]; nothing was queued then.
     pub fn play(&mut self, motion: &Motion<'_>, when: When) -> Result<(), Full> {
-        self.reserve(motion.frames().len(), when)?;
+        self.reserve(motion.frames().len(), motion.frame_rate(), when)?;
         let by_rotations = motion.rotation_error(SAMPLED).is_some_and(|error| error <= AGREEMENT);
         let poses = motion.frames().iter().enumerate().map(|(frame, pose)| {
             let rotated = if by_rotations { motion.rotated(frame) } else { None };
@@ -207,20 +225,23 @@ impl<const C: usize> Feeder<'_, C> {
     /// # Errors
     /// [`Full`]; nothing was queued then.
     pub fn play_frames(&mut self, frames: &[Pose], frame_rate: u16, when: When) -> Result<(), Full> {
-        self.reserve(frames.len(), when)?;
+        self.reserve(frames.len(), frame_rate, when)?;
         self.queue(frames.iter().copied(), frame_rate);
         Ok(())
     }
 
     /// Looks whether a motion of so many frames finds room.
-    fn reserve(&mut self, frames: usize, when: When) -> Result<(), Full> {
+    fn reserve(&mut self, frames: usize, frame_rate: u16, when: When) -> Result<(), Full> {
+        if frame_rate == 0 {
+            return Err(Full::NoFrameRate);
+        }
         let needed = frames.saturating_add(2 + usize::from(self.open));
         if needed > self.producer.capacity() {
             return Err(Full::Never { needed, room: self.producer.capacity() });
         }
         if when == When::Now {
             // The player makes room for it in the meantime.
-            self.control.cut.store(self.next(), Ordering::Release);
+            self.control.throw_away();
         }
         let free = self.free();
         if needed > free {
@@ -243,14 +264,18 @@ impl<const C: usize> Feeder<'_, C> {
     /// # Errors
     /// [`Full`].
     pub fn begin(&mut self, frame_rate: u16) -> Result<(), Full> {
+        if frame_rate == 0 {
+            return Err(Full::NoFrameRate);
+        }
         let (needed, free) = (1 + usize::from(self.open), self.free());
         if needed > free {
             return Err(Full::Wait { needed, free });
         }
         self.end()?;
-        self.number = self.next();
+        self.number = self.number.wrapping_add(1);
         self.mapper = Mapper::new(self.robot);
-        self.push(Item::Begin { number: self.number, frame_rate: u8::try_from(frame_rate).unwrap_or(u8::MAX) })?;
+        self.control.begin(self.number);
+        self.push(Item::Begin { number: halves(self.number), frame_rate })?;
         self.open = true;
         Ok(())
     }
@@ -287,11 +312,6 @@ impl<const C: usize> Feeder<'_, C> {
             return Err(Full::Never { needed: 1, room: 0 });
         }
         self.producer.enqueue(item).map_err(|_| Full::Wait { needed: 1, free: 0 })
-    }
-
-    /// Number of the next motion.
-    const fn next(&self) -> u8 {
-        if self.number == u8::MAX { 1 } else { self.number + 1 }
     }
 }
 

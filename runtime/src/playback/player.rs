@@ -9,13 +9,15 @@ use heapless::spsc::Consumer;
 use super::control::{Control, State, Status, Wish};
 use super::interpolate::monotone_cubic;
 use super::limiter::{Angle, Limiter, Limits, UNITS, units};
-use super::line::{Item, Source, degrees};
+use super::line::{Item, Source, degrees, is_before, whole};
 use super::robot::{Channel, Rest, Robot};
 use super::start::Start;
-use core::sync::atomic::Ordering;
 
 /// Items that a tick throws away at most when a motion is cut off.
 const THROWN_AWAY: usize = 32;
+
+/// How far beyond its range a servo may stand when it is found, degrees.
+const PLAY: f32 = 1.0;
 
 /// How far from where the motion wants it a servo counts as held back by its limits: a tenth of a degree.
 const BEHIND: Angle = (UNITS as Angle) / 10;
@@ -32,14 +34,16 @@ struct Reel<const C: usize> {
     left: u8,
     /// Time since the second frame, in ticks times the frame rate; the next frame is due at the tick rate.
     time: u32,
-    frame_rate: u8,
+    frame_rate: u16,
     /// Number of the second frame in the motion.
     index: u32,
+    /// Number of the motion.
+    number: u32,
 }
 
 impl<const C: usize> Reel<C> {
-    fn new(frame_rate: u8) -> Self {
-        Reel { frames: [[0; C]; 4], taken: 0, ended: false, left: 0, time: 0, frame_rate, index: 0 }
+    const fn new(number: u32, frame_rate: u16) -> Self {
+        Reel { frames: [[0; C]; 4], taken: 0, ended: false, left: 0, time: 0, frame_rate, index: 0, number }
     }
 
     /// Appends a frame to those not yet shown.
@@ -104,9 +108,12 @@ pub struct Player<'a, const C: usize> {
     from: [Angle; C],
     faded: u32,
     held: bool,
-    /// Throwing away what comes before the motion of this number.
-    cutting: Option<u8>,
-    cut: u8,
+    /// Whether the servos creep from where they were found to `goal`.
+    creeping: bool,
+    goal: [Angle; C],
+    /// What comes before the motion of this number is thrown away, and whether that one has not come yet.
+    cut: u32,
+    cutting: bool,
     status: Status,
     /// What of the motion the last tick showed.
     frame: Option<f32>,
@@ -116,7 +123,7 @@ impl<'a, const C: usize> Player<'a, C> {
     pub(super) fn new(robot: &'a Robot, consumer: Consumer<'a, Item<C>>, control: &'a Control) -> Self {
         let (mut servos, mut commands) = (Vec::new(), Vec::new());
         for channel in &robot.channels {
-            let limiter = channel.limiter(robot.tick_rate);
+            let limiter = Limiter::new(channel.limits(robot.tick_rate, channel.speed), units(channel.neutral));
             // The line was made for as many channels.
             let _ = servos.push(limiter);
             let _ = commands.push(channel.command(limiter.at()));
@@ -136,25 +143,31 @@ impl<'a, const C: usize> Player<'a, C> {
             from: [0; C],
             faded: 0,
             held: false,
-            cutting: None,
+            creeping: false,
+            goal: [0; C],
             cut: 0,
-            status: Status { start: Start::Ready, ..Status::default() },
+            cutting: false,
+            status: Status::default(),
             frame: None,
         }
     }
 
-    /// Says where the servos really are, degrees: for those that can tell, before the first tick.
+    /// Says where the servos really stand, degrees: before the first tick, and whenever they may have moved by themselves. The player
+    /// goes on from there: it creeps, at [`Robot::creep`], to where it would have had them, and only then does anything else.
     pub fn stand_at(&mut self, angles: &[f32]) {
-        for (((servo, command), channel), angle) in
-            self.servos.iter_mut().zip(&mut self.commands).zip(&self.robot.channels).zip(angles)
-        {
-            *servo = Limiter::new(*servo.limits(), units(*angle));
+        let rate = self.robot.tick_rate;
+        let goals = self.goal.iter_mut().zip(&mut self.before);
+        let servos = self.servos.iter_mut().zip(&mut self.commands).zip(&self.robot.channels);
+        for ((((servo, command), channel), (goal, before)), angle) in servos.zip(goals).zip(angles) {
+            if !self.creeping {
+                *goal = servo.at();
+            }
+            let slow = if self.robot.creep < channel.speed { self.robot.creep } else { channel.speed };
+            *servo = Limiter::new(channel.limits(rate, slow), units(*angle));
             *command = channel.command(servo.at());
-        }
-        for (before, servo) in self.before.iter_mut().zip(&self.servos) {
             *before = servo.at();
         }
-        self.drive = Drive::None;
+        self.creeping = true;
     }
 
     /// Angles that the servos were last told to take, degrees.
@@ -180,6 +193,11 @@ impl<'a, const C: usize> Player<'a, C> {
         &self.robot.channels
     }
 
+    /// Its orders.
+    pub(super) const fn control(&self) -> &'a Control {
+        self.control
+    }
+
     /// What it has counted.
     #[must_use]
     pub const fn status(&self) -> &Status {
@@ -195,7 +213,10 @@ impl<'a, const C: usize> Player<'a, C> {
         }
         self.frame = None;
         let wish = self.control.wish();
+        self.cut_off();
+        self.status.start = Start::Ready;
         self.status.state = match wish {
+            Wish::Run if self.creeping => self.creep(),
             Wish::Run => self.run(),
             Wish::Hold => {
                 self.held = true;
@@ -203,19 +224,38 @@ impl<'a, const C: usize> Player<'a, C> {
                 State::Holding
             }
             Wish::Stop => {
-                self.throw_away(None);
                 self.drive = Drive::None;
+                self.throw_away(|_| true);
                 if self.brake() { State::Stopped } else { State::Stopping }
             }
             Wish::Neutral => {
-                self.throw_away(None);
                 if !matches!(self.drive, Drive::Return) {
                     self.begin(Drive::Return);
                 }
-                self.go_home()
+                self.throw_away(|_| true);
+                if self.creeping {
+                    for (goal, channel) in self.goal.iter_mut().zip(&self.robot.channels) {
+                        *goal = units(channel.neutral);
+                    }
+                    self.creep()
+                } else {
+                    self.go_home()
+                }
             }
         };
+        if self.creeping {
+            self.status.start = Start::Creeping;
+        }
         self.show()
+    }
+
+    /// One tick in which it is not known where the servos stand, so that they are told nothing: motions wait, orders are noted.
+    #[inline(never)]
+    pub(super) fn wait(&mut self, start: Start) -> State {
+        self.cut_off();
+        self.status.start = start;
+        self.frame = None;
+        self.stand().state
     }
 
     /// One tick in which the servos stay where they are and the motion waits: for when they cannot be told anything else.
@@ -252,13 +292,6 @@ impl<'a, const C: usize> Player<'a, C> {
             // From where the servos came to stand.
             self.begin(self.drive);
         }
-        let cut = self.control.cut.load(Ordering::Acquire);
-        if cut != self.cut {
-            (self.cut, self.cutting) = (cut, Some(cut));
-        }
-        if let Some(number) = self.cutting {
-            self.throw_away(Some(number));
-        }
         self.load();
         match self.drive {
             Drive::None => {
@@ -270,6 +303,23 @@ impl<'a, const C: usize> Player<'a, C> {
             Drive::Return => self.go_home(),
             Drive::Motion(reel) => self.play(reel),
         }
+    }
+
+    /// A tick of the slow way to where the servos are to be.
+    #[inline(never)]
+    fn creep(&mut self) -> State {
+        let mut there = true;
+        for (servo, goal) in self.servos.iter_mut().zip(&self.goal) {
+            there &= servo.follow(*goal) && servo.step() == 0;
+        }
+        if there {
+            // Standing: from here on with all that the servos may do.
+            for (servo, channel) in self.servos.iter_mut().zip(&self.robot.channels) {
+                *servo = Limiter::new(channel.limits(self.robot.tick_rate, channel.speed), servo.at());
+            }
+            (self.creeping, self.held) = (false, true);
+        }
+        State::Returning
     }
 
     /// Begins to follow `drive`, fading from where the servos are.
@@ -296,11 +346,10 @@ impl<'a, const C: usize> Player<'a, C> {
                 }
                 (Drive::Motion(reel), Some(Item::End)) if reel.taken > 0 => reel.ended = true,
                 (Drive::Motion(_), Some(Item::End)) => self.finish(),
+                // The next tick goes on throwing away.
+                (_, Some(Item::Begin { number, .. })) if self.cutting && is_before(whole(*number), self.cut) => return,
                 (_, Some(Item::Begin { number, frame_rate })) => {
-                    let (number, reel) = (*number, Reel::new(*frame_rate));
-                    if self.cutting == Some(number) {
-                        self.cutting = None;
-                    }
+                    let reel = Reel::new(whole(*number), *frame_rate);
                     self.begin(Drive::Motion(reel));
                     self.status.motions = self.status.motions.wrapping_add(1);
                 }
@@ -311,22 +360,41 @@ impl<'a, const C: usize> Player<'a, C> {
         }
     }
 
-    /// Throws away what is queued, up to the beginning of the motion of that number.
+    /// Ends what is not to be played any more, and throws away what of it is queued.
     #[inline(never)]
-    fn throw_away(&mut self, until: Option<u8>) {
-        if let Drive::Motion(_) = self.drive {
+    fn cut_off(&mut self) {
+        let cut = self.control.cut();
+        if cut != self.cut {
+            (self.cut, self.cutting) = (cut, true);
+        }
+        if !self.cutting {
+            return;
+        }
+        if let Drive::Motion(reel) = &self.drive
+            && is_before(reel.number, cut)
+        {
             self.drive = Drive::None;
+        }
+        let reached = self.throw_away(|number| is_before(number, cut));
+        self.cutting = !(reached || matches!(self.drive, Drive::Motion(_)));
+    }
+
+    /// Throws away what is queued, at most as much as a tick may, up to the first motion whose number is not `unwanted`. Returns
+    /// whether it has come to that one.
+    #[inline(never)]
+    fn throw_away(&mut self, unwanted: impl Fn(u32) -> bool) -> bool {
+        if let Drive::Motion(_) = self.drive {
+            // What comes next is its own.
+            return false;
         }
         for _ in 0..THROWN_AWAY {
             match self.source.peek() {
-                None => return,
-                Some(Item::Begin { number, .. }) if Some(*number) == until => {
-                    self.cutting = None;
-                    return;
-                }
+                None => return false,
+                Some(Item::Begin { number, .. }) if !unwanted(whole(*number)) => return true,
                 Some(_) => _ = self.source.take(),
             }
         }
+        false
     }
 
     /// A tick of a motion.
@@ -440,13 +508,13 @@ impl<'a, const C: usize> Player<'a, C> {
 }
 
 impl Channel {
-    /// What the servo may do at so many ticks a second, standing at neutral. Limits are rounded to the safe side.
+    /// What the servo may do at so many ticks a second, at most at `speed` degrees a second. Limits are rounded to the safe side.
     #[inline(never)]
-    fn limiter(&self, tick_rate: u16) -> Limiter {
+    fn limits(&self, tick_rate: u16, speed: f32) -> Limits {
         let rate = f32::from(tick_rate);
         let [low, high] = self.range.map(units);
-        let (step, change) = (self.speed / rate * UNITS, self.acceleration / (rate * rate) * UNITS);
-        Limiter::new(Limits { low, high, step: step as Angle, change: change as Angle }, units(self.neutral))
+        let (step, change) = (speed / rate * UNITS, self.acceleration / (rate * rate) * UNITS);
+        Limits { low, high, step: step as Angle, change: change as Angle }
     }
 
     /// The command for an angle of the range: its ends are [`Channel::command`]'s.
@@ -464,5 +532,19 @@ impl Channel {
             command
         };
         kept as u16
+    }
+
+    /// Whether a servo that says that it stands at `command` is in its range, or beyond an end by no more than gears have play: a degree.
+    #[must_use]
+    pub fn admits(&self, command: u16) -> bool {
+        let ([low, high], angle) = (self.range, self.degrees(command));
+        angle >= low - PLAY && angle <= high + PLAY
+    }
+
+    /// Degrees of a command, within the range or not.
+    #[inline(never)]
+    pub(super) fn degrees(&self, command: u16) -> f32 {
+        let ([low, high], [first, last]) = (self.range, self.command.map(f32::from));
+        low + (f32::from(command) - first) * (high - low) / (last - first)
     }
 }

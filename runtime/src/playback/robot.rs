@@ -81,6 +81,12 @@ pub enum Bus {
 }
 
 impl Bus {
+    /// Whether servos of this bus say where they stand.
+    #[must_use]
+    pub const fn reads_back(self) -> bool {
+        matches!(self, Bus::Sts3215 { .. })
+    }
+
     /// Smallest and largest command that the bus can be given.
     #[must_use]
     pub const fn commands(self) -> [u16; 2] {
@@ -100,6 +106,8 @@ pub struct Channel {
     pub source: Source,
     /// Angle when the source is at zero, degrees.
     pub neutral: f32,
+    /// Angle at which its user promises that it stands when power comes up, degrees; `None` where it says so itself.
+    pub start: Option<f32>,
     /// Degrees a degree of the source; negative turns the other way.
     pub gain: f32,
     /// Smallest and largest angle, degrees.
@@ -141,6 +149,10 @@ pub struct Robot {
     pub after: Rest,
     /// Whether a motion goes on when its host is gone; if not, the robot brakes and holds.
     pub finish_without_host: bool,
+    /// Largest speed until it is known to stand where it should, degrees a second.
+    pub creep: f32,
+    /// Pin, as the firmware counts them, that is low when the chips may give pulses; `None` when none is connected.
+    pub output_enable: Option<u8>,
     /// Its servos.
     pub channels: Vec<Channel, MAX_CHANNELS>,
 }
@@ -148,7 +160,9 @@ pub struct Robot {
 /// First four bytes of a packed robot.
 pub const MAGIC: [u8; 4] = *b"MNTR";
 /// Version of the format.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
+/// Slowest and fastest creeping, degrees a second.
+pub const CREEP: [f32; 2] = [1.0, 90.0];
 /// Bytes before the postcard: magic, version (u16), zero (u16), length of the postcard (u32), its CRC-32 (u32), little-endian.
 pub const HEADER_LEN: usize = 16;
 /// Bytes that a packed robot has at most.
@@ -207,6 +221,9 @@ pub enum Fault {
     Joint(u8),
     Range { range: [f32; 2] },
     Neutral { neutral: f32, range: [f32; 2] },
+    NoStart,
+    Start { start: f32, range: [f32; 2] },
+    Creep(f32),
     Gain(f32),
     Command { command: [u16; 2], allowed: [u16; 2] },
     Speed(f32),
@@ -239,6 +256,17 @@ impl fmt::Display for Fault {
             Fault::Neutral { neutral, range: [low, high] } => {
                 write!(f, "neutral is {neutral} degrees, outside the range {low} to {high}")
             }
+            Fault::NoStart => write!(
+                f,
+                "this servo cannot say where it stands: give start, the angle at which it stands when power comes up"
+            ),
+            Fault::Start { start, range: [low, high] } => {
+                write!(f, "start is {start} degrees, outside the range {low} to {high}")
+            }
+            Fault::Creep(creep) => {
+                let [least, most] = CREEP;
+                write!(f, "creep is {creep} degrees a second: it must be {least} to {most}")
+            }
             Fault::Gain(gain) => write!(f, "the gain is {gain}: it must be 0.01 to 1000 or -0.01 to -1000"),
             Fault::Command { command: [low, high], allowed: [least, most] } => write!(
                 f,
@@ -265,7 +293,10 @@ impl fmt::Display for RobotError {
                 write!(f, "these bytes are no packed robot: make one with `motionette robot pack`")
             }
             RobotError::Version { found } => {
-                write!(f, "the packed robot has version {found}, {VERSION} is read: pack it again")
+                write!(
+                    f,
+                    "the packed robot has version {found}, {VERSION} is read: pack it again with `motionette robot pack`"
+                )
             }
             RobotError::Truncated { needed, available } => {
                 write!(f, "the packed robot should have {needed} bytes, {available} are there")
@@ -350,6 +381,10 @@ impl Robot {
         if !(self.fade >= 0.0 && self.fade <= 60.0 && self.return_time >= 0.0 && self.return_time <= 60.0) {
             whole(Fault::Times);
         }
+        let [least, most] = CREEP;
+        if !(self.creep >= least && self.creep <= most) {
+            whole(Fault::Creep(self.creep));
+        }
         for (index, channel) in self.channels.iter().enumerate() {
             let mut fault = |what| report(Violation { channel: Some(index as u8), what });
             channel.faults(self.tick_rate, &mut fault);
@@ -385,6 +420,14 @@ impl Channel {
             fault(Fault::Range { range: self.range });
         } else if !allowed(self.neutral, low, high) {
             fault(Fault::Neutral { neutral: self.neutral, range: self.range });
+        }
+        match self.start {
+            None if !self.bus.reads_back() => fault(Fault::NoStart),
+            // A broken range, or neutral, has been reported.
+            Some(start) if low < high && start != self.neutral && !allowed(start, low, high) => {
+                fault(Fault::Start { start, range: self.range });
+            }
+            _ => {}
         }
         if !allowed(self.gain.abs(), 0.01, 1000.0) {
             fault(Fault::Gain(self.gain));

@@ -1,21 +1,22 @@
 //! How a robot's start stands: from power coming up to the first motion that may be played.
 //!
 //! ```text
-//! Waiting ──release──► Reading ──every servo found, inside its range──► Creeping ──there──► Ready
-//!  (only where servos     │  ▲                                             ▲                 │
-//!   cannot be read)       ▼  │ it answers, stands in its range             └─ Reading ◄──────┘ servos have lost their power
-//!                       Refused
+//!            all answer, all inside their range          all hold where they stand         there
+//! Reading ────────────────────────────────────► Waiting ───────────────────────► Creeping ──────► Ready
+//!   │  ▲                                         (until release, only where                          │
+//!   ▼  │ it answers, and stands in its range      servos cannot say where they stand)                │
+//! Refused                Reading ◄────────────────────────── servos have lost their power ───────────┘
 //! ```
 
 /// How a start stands. Motions that are queued before [`Start::Ready`] wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Start {
-    /// It is found out where the servos stand. Those that are off stay off.
+    /// It is found out where the servos stand. Those that are off stay off, and those that cannot say it get no pulses.
     #[default]
     Reading,
-    /// Some servos cannot say where they stand, and get no pulses before [`Control::release`](super::Control::release): the robot is
-    /// to be brought to the pose that its description states for the start.
+    /// Some servos cannot say where they stand: the robot is to be brought to the pose that its description states for the start.
+    /// They get no pulses before [`Control::release`](super::Control::release).
     Waiting,
     /// The servos are on and go slowly from where they stood to where they are to be.
     Creeping,

@@ -14,7 +14,7 @@ fn channel(name: &str, source: Source, range: [f32; 2]) -> Channel {
     let bus = Bus::Pca9685 { address: 0x40, output: 0 };
     let name = heapless::String::try_from(name).unwrap();
     let (command, speed, acceleration) = ([1000, 2000], 300.0, 2000.0);
-    Channel { name, source, neutral: 0.0, gain: 1.0, range, command, speed, acceleration, bus }
+    Channel { name, source, neutral: 0.0, start: Some(0.0), gain: 1.0, range, command, speed, acceleration, bus }
 }
 
 fn robot(channels: &[(Joint, Axis, [f32; 2])]) -> Robot {
@@ -25,6 +25,8 @@ fn robot(channels: &[(Joint, Axis, [f32; 2])]) -> Robot {
         return_time: 1.0,
         after: Rest::Hold,
         finish_without_host: true,
+        creep: 20.0,
+        output_enable: None,
         channels: heapless::Vec::new(),
     };
     for (number, (joint, axis, range)) in channels.iter().enumerate() {
@@ -250,6 +252,11 @@ fn robots_are_packed_and_opened_or_refused_with_the_reason() {
     assert_eq!(count, 3);
     assert_eq!(broken(&|r| r.tick_rate = 5)[0], Violation { channel: None, what: Fault::TickRate(5) });
     assert_eq!(broken(&|r| r.channels.clear())[0], Violation { channel: None, what: Fault::NoChannels });
+    assert_eq!(broken(&|r| r.creep = f32::NAN).len(), 1);
+    assert_eq!(broken(&|r| r.creep = 0.5)[0], Violation { channel: None, what: Fault::Creep(0.5) });
+    assert_eq!(broken(&|r| r.channels[2].start = None), [of(2, Fault::NoStart)]);
+    let range = robot.channels[2].range;
+    assert_eq!(broken(&|r| r.channels[2].start = Some(99.0)), [of(2, Fault::Start { start: 99.0, range })]);
     assert_eq!(broken(&|r| r.fade = -1.0)[0], Violation { channel: None, what: Fault::Times });
 }
 
@@ -449,6 +456,103 @@ fn any_orders_at_any_time_keep_the_limits() {
         }
         assert_eq!(control.status().ticks, player.status().ticks);
     }
+}
+
+#[test]
+fn everything_that_was_queued_at_a_stop_is_gone() {
+    let robot = arms();
+    for (orders, ticks) in [(0, 0), (0, 1), (0, 3), (1, 1), (2, 1)] {
+        let mut line = Line::<8, 256>::new();
+        let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+        let mut watch = Watch::new(&robot);
+        // Two motions fill the line; a third one is still open.
+        feeder.play_frames(&wave(&robot, 100), 20, When::Then).unwrap();
+        feeder.play_frames(&wave(&robot, 100), 20, When::Then).unwrap();
+        feeder.begin(20).unwrap();
+        feeder.frame(&standing()).unwrap();
+        play!(player, &robot, watch, 20);
+        match orders {
+            0 => control.stop(),
+            1 => control.neutral(),
+            _ => {
+                control.stop();
+                play!(player, &robot, watch, 1);
+                // What comes while the robot is stopped is not kept for later, either.
+                feeder.play_frames(&wave(&robot, 30), 20, When::Then).unwrap();
+                feeder.play_frames(&wave(&robot, 10), 20, When::Then).unwrap();
+            }
+        }
+        play!(player, &robot, watch, ticks);
+        control.resume();
+        feeder.frame(&standing()).unwrap();
+        let states = play!(player, &robot, watch, 200);
+        assert_eq!(
+            (control.status().motions, control.status().finished),
+            (1, 0),
+            "{orders} {ticks}: another one began"
+        );
+        assert!(matches!(states[199], State::Holding | State::Neutral));
+        feeder.play_frames(&wave(&robot, 30), 20, When::Then).unwrap();
+        play!(player, &robot, watch, 200);
+        assert_eq!(
+            (control.status().motions, control.status().finished),
+            (2, 1),
+            "{orders} {ticks}: the next one plays"
+        );
+    }
+}
+
+#[test]
+fn now_is_seen_however_many_motions_came_before() {
+    let robot = arms();
+    let mut line = Line::<8, 256>::new();
+    let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+    let frames = wave(&robot, 60);
+    for others in [0, 1, 253, 254, 255, 256, 65_534] {
+        feeder.play_frames(&frames[..1], 20, When::Now).unwrap();
+        for _ in 0..others {
+            feeder.play_frames(&[], 20, When::Then).unwrap();
+            player.tick();
+        }
+        (0..10).for_each(|_| _ = player.tick());
+        // A long one plays, and is to be cut off.
+        feeder.play_frames(&frames, 20, When::Then).unwrap();
+        (0..10).for_each(|_| _ = player.tick());
+        assert_eq!(control.status().state, State::Playing);
+        let finished = control.status().finished;
+        feeder.play_frames(&frames[..1], 1000, When::Now).unwrap();
+        (0..10).for_each(|_| _ = player.tick());
+        assert_eq!(
+            (control.status().state, control.status().finished),
+            (State::Holding, finished + 1),
+            "after {others}"
+        );
+    }
+}
+
+#[test]
+fn a_motion_of_any_frame_rate_lasts_its_time() {
+    let robot = arms();
+    let mut line = Line::<8, 4096>::new();
+    let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+    for (frame_rate, frames, seconds) in
+        [(1, 3, 3.0), (255, 510, 2.0), (256, 512, 2.0), (300, 600, 2.0), (1000, 4000, 4.0)]
+    {
+        let finished = control.status().finished;
+        feeder.play_frames(&wave(&robot, frames), frame_rate, When::Then).unwrap();
+        let ticks = (0..1000).find(|_| {
+            player.tick();
+            control.status().finished > finished
+        });
+        let took = ticks.unwrap() as f32 / 50.0;
+        assert!((took - seconds).abs() < 0.1, "{frame_rate} frames a second: {took} s, not {seconds}");
+    }
+    // 65535 frames a second are many a tick, but no reason to wait.
+    feeder.play_frames(&wave(&robot, 3000), u16::MAX, When::Then).unwrap();
+    (0..5).for_each(|_| _ = player.tick());
+    assert_eq!(control.status().state, State::Holding);
+    assert_eq!(feeder.play_frames(&wave(&robot, 3), 0, When::Then), Err(Full::NoFrameRate));
+    assert_eq!((feeder.begin(0), feeder.queued()), (Err(Full::NoFrameRate), 0));
 }
 
 #[test]

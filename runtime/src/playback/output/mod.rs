@@ -1,9 +1,12 @@
 //! Commands onto pins and buses, and what happens when a bus fails.
 //!
-//! An [`Output`] makes one attempt to give servos their commands. A [`Runner`] is what a timer interrupt calls: it ticks the player,
-//! tries again while the tick's time lasts, and when nothing helped leaves the motion standing where servos last heard of it, until the
-//! bus is back. Outputs can be paired: `(Pca9685, Sts3215)` is an output, too.
+//! An [`Output`] makes one attempt to give servos their commands. A [`Runner`] is what a timer interrupt calls: it brings the robot
+//! from power coming up to where it may play ([`Start`](super::Start)), ticks the player, tries again while the tick's time lasts, and
+//! when nothing helped leaves the motion standing where servos last heard of it, until the bus is back. Outputs can be paired:
+//! `(Pca9685, Sts3215)` is an output, too; [`Gate`] adds an output-enable pin to one.
 
+#[cfg(any(feature = "pca9685", feature = "pwm"))]
+mod gate;
 #[cfg(feature = "pca9685")]
 mod pca9685;
 #[cfg(feature = "pwm")]
@@ -11,20 +14,19 @@ mod pwm;
 #[cfg(feature = "sts3215")]
 pub mod sts3215;
 
+mod runner;
+
+#[cfg(any(feature = "pca9685", feature = "pwm"))]
+pub use self::gate::Gate;
 #[cfg(feature = "pca9685")]
 pub use self::pca9685::{Pca9685, Pca9685Error};
 #[cfg(feature = "pwm")]
 pub use pwm::{Pwm, PwmError};
+pub use runner::{BusStatus, Runner, Ticked};
 #[cfg(feature = "sts3215")]
 pub use sts3215::{Sts3215, Sts3215Error};
 
-use super::control::State;
-use super::player::Player;
 use super::robot::Channel;
-
-/// Attempts in a tick, and in a tick after one in which all failed: a bus that is down must not keep the processor from its work.
-const ATTEMPTS: u32 = 4;
-const ATTEMPTS_WHEN_DOWN: u32 = 2;
 
 /// A clock, and until when there is time.
 pub struct Time<'a> {
@@ -47,25 +49,72 @@ impl<'a> Time<'a> {
     }
 }
 
-/// Gives servos their commands.
+/// What an error says of the servos' power.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Lost {
+    /// It was lost; the servos can be asked where they have come to stand.
+    Readable,
+    /// It was lost, and nobody can say where they have come to stand.
+    Blind,
+}
+
+/// Gives servos their commands. `index` is that of a channel among `channels`, of which an output serves those of its own bus.
+///
+/// Every method makes one attempt, MUST return before `time` is over or soon after, and MUST be able to go on after an error.
 pub trait Output {
     /// What can go wrong.
     type Error;
 
-    /// One attempt to give every servo of this output its command; `commands` go with `channels`, of which an output serves those of
-    /// its own bus. MUST return before `time` is over, and MUST be able to write again after an error, setting the bus or its chips up
-    /// anew when needed.
+    /// Whether this output serves a channel.
+    fn serves(&self, channel: &Channel) -> bool;
+
+    /// Finds out where a servo stands, as a command; `None` when it cannot say it. Switches nothing on, and stops the pulses of one that
+    /// cannot say where it stands: this is called before the robot is known to be where it should be.
+    ///
+    /// # Errors
+    /// It does not answer.
+    fn find(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error>;
+
+    /// Makes a servo hold where it stands, and says where that is. One that cannot say where it stands is left as it is: `None`. One
+    /// that stands outside its range ([`Channel::admits`]) is left off.
+    ///
+    /// # Errors
+    /// It does not answer, or has not understood.
+    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error>;
+
+    /// Gives every servo of this output its command; `commands` go with `channels`. Sets the bus or its chips up anew when needed, but
+    /// MUST NOT move a servo that has lost its power.
     ///
     /// # Errors
     /// Some servo did not get its command, as far as can be told.
     fn write(&mut self, channels: &[Channel], commands: &[u16], time: &mut Time<'_>) -> Result<(), Self::Error>;
+
+    /// What an error of [`Output::write`] says of the servos' power; `None` when they have it.
+    fn lost(error: &Self::Error) -> Option<Lost>;
 }
 
 impl<T: Output + ?Sized> Output for &mut T {
     type Error = T::Error;
 
+    fn serves(&self, channel: &Channel) -> bool {
+        (**self).serves(channel)
+    }
+
+    fn find(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        (**self).find(channels, index, time)
+    }
+
+    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        (**self).hold(channels, index, time)
+    }
+
     fn write(&mut self, channels: &[Channel], commands: &[u16], time: &mut Time<'_>) -> Result<(), Self::Error> {
         (**self).write(channels, commands, time)
+    }
+
+    fn lost(error: &Self::Error) -> Option<Lost> {
+        T::lost(error)
     }
 }
 
@@ -82,94 +131,41 @@ pub enum EitherError<A, B> {
 impl<A: Output, B: Output> Output for (A, B) {
     type Error = EitherError<A::Error, B::Error>;
 
+    fn serves(&self, channel: &Channel) -> bool {
+        self.0.serves(channel) || self.1.serves(channel)
+    }
+
+    fn find(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        if channels.get(index).is_some_and(|channel| self.0.serves(channel)) {
+            self.0.find(channels, index, time).map_err(EitherError::First)
+        } else {
+            self.1.find(channels, index, time).map_err(EitherError::Second)
+        }
+    }
+
+    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        if channels.get(index).is_some_and(|channel| self.0.serves(channel)) {
+            self.0.hold(channels, index, time).map_err(EitherError::First)
+        } else {
+            self.1.hold(channels, index, time).map_err(EitherError::Second)
+        }
+    }
+
     fn write(&mut self, channels: &[Channel], commands: &[u16], time: &mut Time<'_>) -> Result<(), Self::Error> {
         // Both get their chance, whatever the other does.
         let first = self.0.write(channels, commands, time).map_err(EitherError::First);
         let second = self.1.write(channels, commands, time).map_err(EitherError::Second);
-        first.and(second)
-    }
-}
-
-/// What a runner has counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct BusStatus {
-    /// Attempts that failed.
-    pub errors: u32,
-    /// Ticks in which a later attempt succeeded.
-    pub retried: u32,
-    /// Ticks in which none did.
-    pub failed: u32,
-    /// Whether the last tick was one of these: servos stand where they last heard.
-    pub down: bool,
-}
-
-/// What a tick did.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Ticked<E> {
-    /// What the player does.
-    pub state: State,
-    /// The last error, if no attempt succeeded.
-    pub failed: Option<E>,
-}
-
-/// A player and the servos it moves.
-pub struct Runner<'a, O, const C: usize> {
-    player: Player<'a, C>,
-    output: O,
-    bus: BusStatus,
-}
-
-impl<'a, O: Output, const C: usize> Runner<'a, O, C> {
-    /// Servos of `output` moved by `player`.
-    pub const fn new(player: Player<'a, C>, output: O) -> Self {
-        Runner { player, output, bus: BusStatus { errors: 0, retried: 0, failed: 0, down: false } }
-    }
-
-    /// The player.
-    #[must_use]
-    pub const fn player(&self) -> &Player<'a, C> {
-        &self.player
-    }
-
-    /// The output.
-    pub const fn output(&mut self) -> &mut O {
-        &mut self.output
-    }
-
-    /// What has happened on the bus.
-    #[must_use]
-    pub const fn bus(&self) -> &BusStatus {
-        &self.bus
-    }
-
-    /// One tick, in at most a few attempts, none of which begins when `budget` microseconds of the clock `now` are over: to be called [`Player::tick_rate`] times a
-    /// second.
-    pub fn tick(&mut self, now: &mut dyn FnMut() -> u32, budget: u32) -> Ticked<O::Error> {
-        let mut time = Time::new(now, budget);
-        let channels = self.player.channels();
-        let servos = if self.bus.down { self.player.stand() } else { self.player.tick() };
-        let state = servos.state;
-        let mut failed = None;
-        let most = if self.bus.down { ATTEMPTS_WHEN_DOWN } else { ATTEMPTS };
-        for attempt in 1.. {
-            match self.output.write(channels, servos.commands, &mut time) {
-                Ok(()) => break,
-                Err(error) => {
-                    self.bus.errors = self.bus.errors.wrapping_add(1);
-                    failed = Some(error);
-                    if attempt >= most || time.left() == 0 {
-                        self.bus.failed = self.bus.failed.wrapping_add(1);
-                        self.bus.down = true;
-                        self.player.rewind();
-                        return Ticked { state: State::Holding, failed };
-                    }
-                }
-            }
+        match (first, second) {
+            // What was lost must be known.
+            (Err(first), Err(second)) if Self::lost(&first).is_none() => Err(second),
+            (first, second) => first.and(second),
         }
-        self.bus.retried = self.bus.retried.wrapping_add(u32::from(failed.is_some()));
-        self.bus.down = false;
-        Ticked { state, failed: None }
+    }
+
+    fn lost(error: &Self::Error) -> Option<Lost> {
+        match error {
+            EitherError::First(error) => A::lost(error),
+            EitherError::Second(error) => B::lost(error),
+        }
     }
 }

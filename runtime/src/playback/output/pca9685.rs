@@ -1,9 +1,9 @@
 //! Servos on a PCA9685, through the driver crate `pwm-pca9685`.
 
 use embedded_hal::i2c::I2c;
-use pwm_pca9685::Pca9685 as Driver;
+use pwm_pca9685::{Channel as Outputs, Pca9685 as Driver};
 
-use super::{Output, Time};
+use super::{Lost, Output, Time};
 use crate::playback::robot::{Bus, Channel};
 
 /// Counts of the chip's oscillator a microsecond.
@@ -19,7 +19,7 @@ const SLEEP: u8 = 0x10;
 /// One PCA9685. Its 16 outputs are given their pulses in one transfer.
 ///
 /// Before each transfer the chip is asked whether it still runs as it was set up: one that lost its power sleeps and has forgotten
-/// everything, and would acknowledge commands that move nothing. It is then set up anew.
+/// everything, and would acknowledge commands that move nothing. It is then set up anew, at the next attempt.
 #[derive(Debug)]
 pub struct Pca9685<I2C> {
     /// `None` only while a transfer is under way.
@@ -37,7 +37,7 @@ pub struct Pca9685<I2C> {
 pub enum Pca9685Error<E> {
     /// The bus failed.
     Bus(E),
-    /// The chip had lost its setting, most likely its power. It has it again; the next attempt will do.
+    /// The chip had lost its setting, most likely its power. The next attempt sets it up again.
     Reset,
     /// The driver refused the address or a value.
     Refused,
@@ -113,6 +113,28 @@ impl<I2C: I2c> Pca9685<I2C> {
 impl<I2C: I2c> Output for Pca9685<I2C> {
     type Error = Pca9685Error<I2C::Error>;
 
+    fn serves(&self, channel: &Channel) -> bool {
+        matches!(channel.bus, Bus::Pca9685 { address, .. } if address == self.address)
+    }
+
+    fn find(&mut self, _: &[Channel], _: usize, _: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        // After a reset of the microcontroller alone it still runs.
+        self.with_driver(|driver, _| {
+            driver.set_channel_full_off(Outputs::All)?;
+            driver.disable()
+        })?;
+        self.known = false;
+        Ok(None)
+    }
+
+    fn hold(&mut self, _: &[Channel], _: usize, _: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        Ok(None)
+    }
+
+    fn lost(error: &Self::Error) -> Option<Lost> {
+        matches!(error, Pca9685Error::Reset).then_some(Lost::Blind)
+    }
+
     fn write(&mut self, channels: &[Channel], commands: &[u16], _: &mut Time<'_>) -> Result<(), Self::Error> {
         for (channel, command) in channels.iter().zip(commands) {
             if let Bus::Pca9685 { address, output } = channel.bus
@@ -126,6 +148,10 @@ impl<I2C: I2c> Output for Pca9685<I2C> {
         }
         let (mode, prescale) = (self.register(MODE1)?, self.register(PRESCALE)?);
         if mode & SLEEP != 0 || prescale != self.prescale {
+            // The first time nothing was lost.
+            if core::mem::replace(&mut self.known, false) {
+                return Err(Pca9685Error::Reset);
+            }
             let prescale = self.prescale;
             // Pulses are set before they begin.
             self.with_driver(|driver, off| {
@@ -134,8 +160,8 @@ impl<I2C: I2c> Output for Pca9685<I2C> {
                 driver.set_all_on_off(&[0; 16], off)?;
                 driver.enable()
             })?;
-            // The first time nothing was lost.
-            return if core::mem::replace(&mut self.known, true) { Err(Pca9685Error::Reset) } else { Ok(()) };
+            self.known = true;
+            return Ok(());
         }
         self.with_driver(|driver, off| {
             driver.enable()?;

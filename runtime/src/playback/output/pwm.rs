@@ -2,7 +2,7 @@
 
 use embedded_hal::pwm::SetDutyCycle;
 
-use super::{Output, Time};
+use super::{Lost, Output, Time};
 use crate::playback::robot::{Bus, Channel};
 
 /// PWM pins, by the numbers that the robot's description gives them.
@@ -31,6 +31,26 @@ pub enum PwmError<E> {
 
 impl<P: SetDutyCycle, const N: usize> Output for Pwm<P, N> {
     type Error = PwmError<P::Error>;
+
+    fn serves(&self, channel: &Channel) -> bool {
+        matches!(channel.bus, Bus::Pwm { .. })
+    }
+
+    fn find(&mut self, channels: &[Channel], index: usize, _: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        let Some(Bus::Pwm { pin: number }) = channels.get(index).map(|channel| channel.bus) else { return Ok(None) };
+        let pin = self.pins.get_mut(usize::from(number)).ok_or(PwmError::NoPin(number))?;
+        pin.set_duty_cycle_fully_off().map_err(PwmError::Pin)?;
+        Ok(None)
+    }
+
+    fn hold(&mut self, _: &[Channel], _: usize, _: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        Ok(None)
+    }
+
+    fn lost(_: &Self::Error) -> Option<Lost> {
+        // A pin does not see it.
+        None
+    }
 
     fn write(&mut self, channels: &[Channel], commands: &[u16], _: &mut Time<'_>) -> Result<(), Self::Error> {
         for (channel, command) in channels.iter().zip(commands) {

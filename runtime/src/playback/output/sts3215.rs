@@ -1,13 +1,18 @@
 //! Serial bus servos: Feetech STS3215, on `embedded-io`.
 //!
 //! A packet is `FF FF id length instruction parameters.. checksum`; the length counts what follows it, the checksum is the inverted sum
-//! of all bytes behind the header. All servos get their goals in one packet, which nobody answers; so one servo a tick, in turn, is
-//! asked where it stands and whether its motor is on, and a servo that is gone or has lost its power, or a bus that garbles, is found within as many ticks as there are servos. The bus
+//! of all bytes behind the header. All servos get their goals in one packet, which nobody answers; so before that, one servo a tick, in
+//! turn, is asked where it stands and whether it is as it was set up. A servo that is gone or has lost its power, or a bus that garbles,
+//! is found within as many ticks as there are servos, and after a silence no goal is sent before all servos have answered again. The bus
 //! has one wire: the adapter must not echo what is sent.
+//!
+//! Whether power that comes up finds the motor on or off, and whether a goal switches it on, depends on the servo's firmware. So a servo
+//! counts as set up when its motor is on *and* it keeps the speed and the acceleration that it was given, which are in its RAM; and no
+//! goal is sent to one that is not, but where it stands ([`Output::hold`]).
 
 use embedded_io::{Read, ReadReady, Write};
 
-use super::{Output, Time};
+use super::{Lost, Output, Time};
 use crate::playback::robot::{Bus, Channel, MAX_CHANNELS};
 
 /// Instructions.
@@ -24,8 +29,12 @@ pub mod instruction {
 pub mod register {
     /// 1 when the motor is on.
     pub const TORQUE: u8 = 40;
+    /// Largest acceleration, 100 positions a second squared; 0 is as much as it can.
+    pub const ACCELERATION: u8 = 41;
     /// Goal, two bytes, low first.
     pub const GOAL: u8 = 42;
+    /// Largest speed, two bytes, low first, positions a second; 0 is as fast as it can.
+    pub const SPEED: u8 = 46;
     /// Where it stands, two bytes, low first.
     pub const POSITION: u8 = 56;
 }
@@ -36,6 +45,8 @@ pub const BROADCAST: u8 = 0xFE;
 pub const HEADER: [u8; 2] = [0xFF, 0xFF];
 /// Longest packet: goals of all channels.
 const LONGEST: usize = 8 + 3 * MAX_CHANNELS;
+/// Largest speed that is set; above it lies the direction.
+const FASTEST: u16 = 0x7FFE;
 /// Registers that are read: from [`register::TORQUE`] to the second byte of [`register::POSITION`].
 const BLOCK: u8 = register::POSITION + 2 - register::TORQUE;
 /// Bytes of the answer.
@@ -47,8 +58,8 @@ pub struct Sts3215<S> {
     port: S,
     /// Which servo is asked next.
     turn: usize,
-    /// Motors may be off.
-    cold: bool,
+    /// Servos that must answer before goals are sent again: there was a silence.
+    doubted: usize,
     positions: [Option<u16>; MAX_CHANNELS],
 }
 
@@ -68,11 +79,14 @@ pub enum Sts3215Error<E> {
         /// Whose.
         id: u8,
     },
-    /// A servo's motor is off: it has lost its power, or was switched off. The next attempt switches it on.
+    /// A servo's motor is off, or it has forgotten its limits: it has lost its power, or was switched off. [`Output::hold`] switches it
+    /// on.
     Off {
         /// Which.
         id: u8,
     },
+    /// After a silence, not all servos have been asked yet. Goals are sent when they have.
+    Asking,
     /// A servo protects itself.
     Servo {
         /// Which.
@@ -80,6 +94,39 @@ pub enum Sts3215Error<E> {
         /// Why: bit 0 voltage, 1 sensor, 2 temperature, 3 current, 5 overload.
         flags: u8,
     },
+}
+
+/// What a servo limits by itself, as its registers have it: a second guard behind the player's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Guard {
+    acceleration: u8,
+    speed: u16,
+}
+
+impl Guard {
+    /// The limits of a channel, within what the registers can say.
+    fn of(channel: &Channel) -> Self {
+        let ([low, high], [first, last]) = (channel.range, channel.command.map(f32::from));
+        let positions = (last - first) / (high - low);
+        // Conversions saturate. An acceleration is rounded down, unless nothing were left; a speed up, so that it is no second lag.
+        let (acceleration, speed) =
+            ((channel.acceleration * positions / 100.0) as u8, (channel.speed * positions) as u16);
+        let acceleration = match acceleration {
+            0 => 1,
+            u8::MAX => u8::MAX - 1,
+            other => other,
+        };
+        Guard { acceleration, speed: if speed > FASTEST { FASTEST } else { speed + 1 } }
+    }
+}
+
+/// What a servo says.
+#[derive(Debug, Clone, Copy)]
+struct Report {
+    torque: bool,
+    guard: Guard,
+    goal: u16,
+    position: u16,
 }
 
 /// The checksum of a packet's bytes behind the header.
@@ -123,7 +170,7 @@ impl Packet {
 impl<S: Read + ReadReady + Write> Sts3215<S> {
     /// The servos on `port`. Nothing is sent yet.
     pub const fn new(port: S) -> Self {
-        Sts3215 { port, turn: 0, cold: true, positions: [None; MAX_CHANNELS] }
+        Sts3215 { port, turn: 0, doubted: 0, positions: [None; MAX_CHANNELS] }
     }
 
     /// The port.
@@ -137,8 +184,9 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
         self.positions.get(channel).copied().flatten()
     }
 
-    /// Asks a servo where it stands.
-    fn ask(&mut self, id: u8, time: &mut Time<'_>) -> Result<u16, Sts3215Error<S::Error>> {
+    /// Asks the servo of a channel how it is.
+    #[inline(never)]
+    fn ask(&mut self, index: usize, id: u8, time: &mut Time<'_>) -> Result<Report, Sts3215Error<S::Error>> {
         // What is left of an answer that came too late.
         let mut byte = [0];
         for _ in 0..LONGEST {
@@ -166,17 +214,60 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
         let garbled = Sts3215Error::Garbled { id };
         let Some((sum, packet)) = answer.split_last() else { return Err(garbled) };
         let [0xFF, 0xFF, content @ ..] = packet else { return Err(garbled) };
-        let [from, length, flags, torque, .., low, high] = *content else { return Err(garbled) };
+        let [from, length, flags, torque, acceleration, g0, g1, _, _, s0, s1, .., p0, p1] = *content else {
+            return Err(garbled);
+        };
         if from != id || length != BLOCK + 2 || *sum != checksum(content) {
             return Err(garbled);
         }
         if flags != 0 {
             return Err(Sts3215Error::Servo { id, flags });
         }
-        if torque == 0 {
-            return Err(Sts3215Error::Off { id });
+        let position = u16::from_le_bytes([p0, p1]);
+        if let Some(slot) = self.positions.get_mut(index) {
+            *slot = Some(position);
         }
-        Ok(u16::from_le_bytes([low, high]))
+        let guard = Guard { acceleration, speed: u16::from_le_bytes([s0, s1]) };
+        Ok(Report { torque: torque != 0, guard, goal: u16::from_le_bytes([g0, g1]), position })
+    }
+
+    /// Writes registers of a servo; nobody answers.
+    fn set(&mut self, id: u8, register: u8, values: &[u8]) -> Result<(), Sts3215Error<S::Error>> {
+        let mut packet = Packet::new(BROADCAST, instruction::SYNC_WRITE, &[register, values.len() as u8, id]);
+        packet.push(values);
+        packet.send(&mut self.port).map_err(Sts3215Error::Port)
+    }
+
+    /// Asks as many servos as must have answered before goals may be sent: the one whose turn it is, and after a silence all.
+    #[inline(never)]
+    fn check(&mut self, channels: &[Channel], time: &mut Time<'_>) -> Result<(), Sts3215Error<S::Error>> {
+        let count = mine(channels).count();
+        loop {
+            let Some((index, id)) = mine(channels).nth(self.turn) else {
+                self.turn = 0;
+                return Ok(());
+            };
+            let report = match self.ask(index, id, time) {
+                Ok(report) => report,
+                Err(error) => {
+                    if let Sts3215Error::Silent { .. } = error {
+                        self.doubted = count;
+                    }
+                    return Err(error);
+                }
+            };
+            if !report.torque || channels.get(index).is_some_and(|channel| Guard::of(channel) != report.guard) {
+                return Err(Sts3215Error::Off { id });
+            }
+            self.turn = if self.turn + 1 < count { self.turn + 1 } else { 0 };
+            self.doubted = self.doubted.saturating_sub(1);
+            if self.doubted == 0 {
+                return Ok(());
+            }
+            if time.left() == 0 {
+                return Err(Sts3215Error::Asking);
+            }
+        }
     }
 }
 
@@ -191,43 +282,59 @@ fn mine(channels: &[Channel]) -> impl Iterator<Item = (usize, u8)> + '_ {
 impl<S: Read + ReadReady + Write> Output for Sts3215<S> {
     type Error = Sts3215Error<S::Error>;
 
+    fn serves(&self, channel: &Channel) -> bool {
+        matches!(channel.bus, Bus::Sts3215 { .. })
+    }
+
+    fn find(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        let Some(Bus::Sts3215 { id }) = channels.get(index).map(|channel| channel.bus) else { return Ok(None) };
+        self.ask(index, id, time).map(|report| Some(report.position))
+    }
+
+    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+        let Some(channel) = channels.get(index) else { return Ok(None) };
+        let Bus::Sts3215 { id } = channel.bus else { return Ok(None) };
+        // They are all asked now.
+        self.doubted = 0;
+        let (guard, report) = (Guard::of(channel), self.ask(index, id, time)?);
+        if report.torque && report.guard == guard && channel.admits(report.goal) {
+            // It holds already: nothing but the microcontroller was reset, or others have lost their power.
+            return Ok(Some(report.goal));
+        }
+        if !channel.admits(report.position) {
+            return Ok(Some(report.position));
+        }
+        let [first, last] = channel.command;
+        let goal = match report.position {
+            below if below < first => first,
+            above if above > last => last,
+            inside => inside,
+        };
+        // One packet, so that no goal is ever without its limits, and read back, since writing is not answered.
+        let ([g0, g1], [s0, s1]) = (goal.to_le_bytes(), guard.speed.to_le_bytes());
+        self.set(id, register::ACCELERATION, &[guard.acceleration, g0, g1, 0, 0, s0, s1])?;
+        let set = self.ask(index, id, time)?;
+        if set.goal != goal || set.guard != guard {
+            return Err(Sts3215Error::Garbled { id });
+        }
+        self.set(id, register::TORQUE, &[1])?;
+        Ok(Some(goal))
+    }
+
     fn write(&mut self, channels: &[Channel], commands: &[u16], time: &mut Time<'_>) -> Result<(), Self::Error> {
-        let count = mine(channels).count();
-        if count == 0 {
+        if mine(channels).next().is_none() {
             return Ok(());
         }
-        if self.cold {
-            let mut packet = Packet::new(BROADCAST, instruction::SYNC_WRITE, &[register::TORQUE, 1]);
-            for (_, id) in mine(channels) {
-                packet.push(&[id, 1]);
-            }
-            packet.send(&mut self.port).map_err(Sts3215Error::Port)?;
-            self.cold = false;
-        }
+        self.check(channels, time)?;
         let mut packet = Packet::new(BROADCAST, instruction::SYNC_WRITE, &[register::GOAL, 2]);
         for (index, id) in mine(channels) {
             let [low, high] = commands.get(index).copied().unwrap_or(0).to_le_bytes();
             packet.push(&[id, low, high]);
         }
-        packet.send(&mut self.port).map_err(Sts3215Error::Port)?;
-        let Some((index, id)) = mine(channels).nth(self.turn) else {
-            self.turn = 0;
-            return Ok(());
-        };
-        let answer = self.ask(id, time);
-        match answer {
-            Ok(position) => {
-                self.turn = if self.turn + 1 < count { self.turn + 1 } else { 0 };
-                if let Some(slot) = self.positions.get_mut(index) {
-                    *slot = Some(position);
-                }
-                Ok(())
-            }
-            Err(error) => {
-                // Motors are switched on again with the next goals.
-                self.cold = true;
-                Err(error)
-            }
-        }
+        packet.send(&mut self.port).map_err(Sts3215Error::Port)
+    }
+
+    fn lost(error: &Self::Error) -> Option<Lost> {
+        matches!(error, Sts3215Error::Off { .. }).then_some(Lost::Readable)
     }
 }
