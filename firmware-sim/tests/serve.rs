@@ -36,11 +36,12 @@ impl Served {
         Served { process, port }
     }
 
-    /// A host. The first one may come before the self-test has ended, without which there is no model.
+    /// A host. The first one may come before the robot stands and before the self-test has ended, without which there is no model.
     fn host(&self) -> (Client<Box<dyn device::Transport>>, Hello) {
         for _ in 0..200 {
+            let start = Client::new(self.line(), Options::default()).status().expect("a status").device.start;
             let (client, hello) = self.connect(Options::default()).expect("hello");
-            if hello.model.is_some() || hello.blob.is_none() {
+            if !start.is_under_way() && (hello.model.is_some() || hello.blob.is_none()) {
                 return (client, hello);
             }
             std::thread::sleep(Duration::from_millis(50));
@@ -329,6 +330,33 @@ fn a_stopped_robot_makes_no_motion_that_it_cannot_play() {
     state_becomes(&mut client, State::Neutral);
     client.generate(&wave(40, true), &mut watch).expect("a motion");
     assert!(matches!(client.wait_for_motion(&mut watch), Ok(State::Neutral)));
+}
+
+/// Servos that cannot say where they stand get no pulses, and nothing is played, until somebody says that the robot is in its place.
+#[test]
+fn a_robot_that_waits_for_its_release_says_so_and_plays_nothing() {
+    let served = Served::start(&["--unreleased"]);
+    let (mut client, _) = served.host();
+    let begun = Instant::now();
+    while client.status().expect("a status").device.start != Start::Waiting {
+        assert!(begun.elapsed() < Duration::from_secs(20), "it does not wait");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let waits = Refusal::NotReady(Start::Waiting);
+    assert_eq!(refused(client.request(&Command::Generate(wave(40, true)))), waits);
+    client.generate(&wave(40, false), &mut watch).expect("made all the same");
+    assert_eq!(refused(client.request(&Command::Play)), waits);
+    // A stop outlasts everything but its own end.
+    client.tell(&Command::Stop).expect("it stops");
+    assert_eq!(refused(client.request(&Command::Release)), Refusal::Stopped);
+    client.tell(&Command::Neutral).expect("it may move again");
+    client.tell(&Command::Release).expect("it is released");
+    client.wait_for_rest(&mut watch).expect("it gets there");
+    let status = client.status().expect("a status");
+    assert_eq!((status.device.start, status.device.state), (Start::Ready, State::Neutral));
+    assert_eq!(refused(client.request(&Command::Release)), Refusal::NotWaiting);
+    client.generate(&wave(40, true), &mut watch).expect("a motion");
+    client.wait_for_motion(&mut watch).expect("it plays");
 }
 
 /// The built-in model with another hash in its self-test: a blob in every other respect.

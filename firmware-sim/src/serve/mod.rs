@@ -57,6 +57,10 @@ pub struct Cmd {
     /// Begin with empty slots instead of the built-in model.
     #[arg(long)]
     empty: bool,
+    /// Wait for `motionette device release` where servos cannot say where they stand, as a robot does; else the simulated robot, which
+    /// stands where its description says, is released at once.
+    #[arg(long)]
+    unreleased: bool,
     /// Leave to requests what a Pico 2 would make of them: shorter motions, fewer steps.
     #[arg(long)]
     pico2: bool,
@@ -85,7 +89,7 @@ impl Cmd {
         let mut out = std::io::stdout();
         writeln!(out, "{}: motionette device --port tcp:127.0.0.1:{port} status", robot.name)?;
         out.flush()?;
-        serve(robot, preset, flash, listener)
+        serve(robot, preset, flash, listener, !self.unreleased)
     }
 }
 
@@ -141,14 +145,15 @@ fn say(text: &str) {
 ///
 /// # Errors
 /// When the runtime refuses to work.
-fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener) -> Result<()> {
+fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener, released: bool) -> Result<()> {
     // They live as long as the process, as in firmware.
     let robot: &'static Robot = Box::leak(Box::new(robot));
     let line: &'static mut Line<CHANNELS, FRAMES> = Box::leak(Box::default());
     let vitals: &'static Vitals = Box::leak(Box::default());
     let Ends { mut feeder, player, control } = line.split(robot)?;
-    // The simulated robot stands where its description says.
-    control.release();
+    if released {
+        control.release();
+    }
     let store = Store::open(&flash);
     let station = Station::new(&robot.name, preset, control, vitals, Some(flash), &store);
     let station: Shared = Arc::new(Mutex::new(station));
