@@ -360,7 +360,16 @@ fn a_robot_that_waits_for_its_release_says_so_and_plays_nothing() {
     client.tell(&Command::Stop).expect("it stops");
     assert_eq!(refused(client.request(&Command::Release)), Refusal::Stopped);
     client.tell(&Command::Neutral).expect("it may move again");
+    while client.event(Duration::from_millis(50)).expect("the line works").is_some() {}
     client.tell(&Command::Release).expect("it is released");
+    let mut starts = Vec::new();
+    while starts.last() != Some(&Start::Ready) {
+        assert!(begun.elapsed() < Duration::from_secs(30), "{starts:?}");
+        if let Some(Event::Start(start)) = client.event(Duration::from_millis(200)).expect("the line works") {
+            starts.push(start);
+        }
+    }
+    assert!(starts.contains(&Start::Creeping), "{starts:?}");
     client.wait_for_rest(&mut watch).expect("it gets there");
     let status = client.status().expect("a status");
     assert_eq!((status.device.start, status.device.state), (Start::Ready, State::Neutral));

@@ -149,6 +149,8 @@ pub struct Station<'a, S> {
     ordered: Option<Ordered>,
     queued: u16,
     finished: u32,
+    /// What was last said of the start.
+    start: Start,
     /// What has happened and not been sent.
     events: Deque<Event, EVENTS>,
 }
@@ -183,6 +185,7 @@ impl<'a, S> Station<'a, S> {
             ordered: None,
             queued: 0,
             finished: control.status().finished,
+            start: control.start().into(),
             events: Deque::new(),
         }
     }
@@ -433,6 +436,11 @@ impl<S: Storage> Device for Station<'_, S> {
         if finished != self.finished {
             self.finished = finished;
             return Some(Event::Finished);
+        }
+        let start = Start::from(self.control.start());
+        if !start.is_as(self.start) {
+            self.start = start;
+            return Some(Event::Start(start));
         }
         self.events.pop_front()
     }

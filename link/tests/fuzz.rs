@@ -115,7 +115,7 @@ impl Rules {
             Reply::Refused(Refusal::Stale { .. }) => ours && order < 0 && !stop,
             Reply::Refused(Refusal::Session) => !stop && !hello && command != Command::Status,
             Reply::Refused(Refusal::Occupied { free_in_ms }) => {
-                let left = (silence > 0).then(|| (silence - (now - self.heard)) as u32);
+                let left = (silence > 0).then(|| silence.saturating_sub(now - self.heard) as u32);
                 !ours && open && command == Command::Hello { take_over: false } && *free_in_ms == left
             }
             _ => false,

@@ -272,6 +272,7 @@ fn bytes_of_what_protocol_2_brought() {
         1, 0, 0, 0, 0x80, 0x3F, 31, // strain: distance, 1 m, anchor
     ];
     assert_eq!(bytes(&Reply::Event(ready)), expected);
+    assert_eq!(bytes(&Reply::Event(Event::Start(Start::Creeping))), [6, 5, 2]);
     let refused = |refusal| bytes(&Reply::Refused(refusal));
     assert_eq!(refused(Refusal::Occupied { free_in_ms: Some(500) }), [2, 13, 1, 0xF4, 0x03]);
     let why = StartFault::OutOfRange { decidegrees: -3 };

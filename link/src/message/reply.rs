@@ -63,6 +63,8 @@ pub enum Event {
     },
     /// Nothing was heard of the host for too long.
     HostLost(LossAction),
+    /// The robot's start has come to another point, or begins anew because servos have lost their power.
+    Start(Start),
 }
 
 /// What the device did, or is to do, when the host is silent for too long.

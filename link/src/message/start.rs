@@ -38,6 +38,17 @@ pub enum StartFault {
 }
 
 impl Start {
+    /// Whether it is at the same point as `other`: where a servo stands outside its range is of no account, since it may tremble.
+    #[must_use]
+    pub fn is_as(self, other: Start) -> bool {
+        match (self, other) {
+            (Start::Refused { channel, why }, Start::Refused { channel: other, why: for_what }) => {
+                channel == other && core::mem::discriminant(&why) == core::mem::discriminant(&for_what)
+            }
+            _ => self == other,
+        }
+    }
+
     /// Whether it goes on by itself. A robot that reads its servos or creeps will move, one that waits or refuses stands.
     #[must_use]
     pub const fn is_under_way(self) -> bool {
@@ -87,5 +98,19 @@ impl fmt::Display for StartFault {
                 write!(f, "it stands at {sign}{}.{} degrees, outside its range", tenths / 10, tenths % 10)
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_servo_that_trembles_is_no_news() {
+        let refused = |channel, why| Start::Refused { channel, why };
+        let (at, trembling) = (StartFault::OutOfRange { decidegrees: 3 }, StartFault::OutOfRange { decidegrees: 4 });
+        assert!(refused(1, at).is_as(refused(1, trembling)) && Start::Ready.is_as(Start::Ready));
+        assert!(!refused(1, at).is_as(refused(2, at)) && !refused(1, at).is_as(refused(1, StartFault::Silent)));
+        assert!(!refused(1, at).is_as(Start::Reading) && !Start::Reading.is_as(Start::Creeping));
     }
 }

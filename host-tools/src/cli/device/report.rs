@@ -140,6 +140,7 @@ pub fn event(event: &Event) -> Value {
         Event::Failed { job, why } => json!({"event": "failed", "job": job, "why": why.to_string()}),
         Event::SelfTest { job, passed } => json!({"event": "self-test", "job": job, "passed": passed}),
         Event::HostLost(action) => json!({"event": "host-lost", "action": loss(*action)}),
+        Event::Start(to) => json!({"event": "start", "start": start(*to)}),
     }
 }
 
@@ -159,6 +160,7 @@ pub fn words(event: &Event) -> String {
             None => "the blob carries no self-test".to_owned(),
         },
         Event::HostLost(action) => format!("the device lost its host: {}", loss(*action)),
+        Event::Start(to) => to.to_string(),
     }
 }
 
