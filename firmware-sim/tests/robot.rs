@@ -118,8 +118,10 @@ fn without_faults_servos_follow_closely() {
     let frames = motion();
     for name in ["upper-body", "desk"] {
         let (_, run) = play(&robot(name), &frames, &[], 1);
-        // A servo's own controller lags by about a fortieth of a second.
-        assert!(run.worst_tracking_deg < 15.0, "{name}: {} degrees", run.worst_tracking_deg);
+        // A servo's own controller lags by about a fortieth of a second; behind a profile of limited acceleration, which stops at each
+        // goal, as far as it takes to stop: at 270 degrees a second and 2232 a second squared, 16 degrees more.
+        let most = if name == "desk" { 30.0 } else { 15.0 };
+        assert!(run.worst_tracking_deg < most, "{name}: {} degrees", run.worst_tracking_deg);
         assert_eq!((run.motions, run.failed_ticks), ([1, 1], 0));
     }
 }
@@ -180,7 +182,7 @@ fn a_servo_that_is_silent_or_out_of_range_keeps_the_robot_still_and_is_named() {
     let why = StartFault::OutOfRange { decidegrees: 120 };
     assert_eq!((outside.start, outside.motions), (Start::Refused { channel: 4, why }, [0, 0]));
     assert_eq!((outside.ready, outside.horns.speed), (None, 0.0), "nothing moved");
-    let silent = play(Boot::default(), vec![Fault { kind: Kind::Nack, from: 0, until: 590_000_000 }]);
+    let silent = play(Boot::default(), vec![Fault { kind: Kind::Nack, from: 0, until: 700_000_000 }]);
     assert_eq!(silent.start, Start::Refused { channel: 0, why: StartFault::Silent });
     assert_eq!(silent.motions, [0, 0]);
     // It goes on as soon as it can.

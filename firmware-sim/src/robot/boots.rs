@@ -18,8 +18,8 @@ use crate::bundle::{self, Bundle};
 
 /// Horns may be faster than their limits by so much: motors follow, they do not obey.
 const TOLERANCE: f64 = 1.05;
-/// Microseconds after power came up at which a motion is ready.
-const READY: u64 = 200_000;
+/// Microseconds after power came up at which a motion is ready: a robot that stands at neutral begins it at once.
+const READY: u64 = 1_000_000;
 /// Frames of a series' motion.
 const FRAMES: usize = 60;
 /// Microseconds that they last.
@@ -136,7 +136,7 @@ impl Series {
     /// When a preset is missing.
     pub fn run(self, motion: &[Pose], count: u32, seed: u64) -> Result<Figures> {
         let robot = self.robot()?;
-        let mut figures = Figures { series: self, count, good: 0, horns: Horns::default(), slowest: 0.0 };
+        let mut figures = Figures { series: self, count, good: 0, horns: Horns::default(), outside: 0, slowest: 0.0 };
         for number in 0..count {
             let run = self.one(&robot, motion, &mut Stream::new(seed.wrapping_mul(1_000_003) + u64::from(number)));
             let played = match self {
@@ -146,6 +146,7 @@ impl Series {
             let limits = run.horns.speed <= TOLERANCE && run.horns.acceleration <= TOLERANCE;
             let sound = run.start == Start::Ready && run.limit_violations == 0 && run.missed_ticks == 0;
             figures.good += u32::from(sound && played && (limits || !self.keeps_limits()));
+            figures.outside += run.limit_violations;
             figures.horns = figures.horns.max(run.horns);
             figures.slowest = figures.slowest.max(run.ready.unwrap_or(f64::INFINITY));
         }
@@ -212,6 +213,8 @@ pub struct Figures {
     /// Of these, those in which every command kept its limits, the robot was ready and played what it should, no tick was missed, and,
     /// but for wrongly stated poses, the horns kept their limits within 5 %.
     pub good: u32,
+    /// Commands outside limits, or faster than creeping before the robot was ready.
+    pub outside: u64,
     /// The most that any horn did.
     pub horns: Horns,
     /// Seconds until the slowest was ready.
@@ -221,15 +224,15 @@ pub struct Figures {
 impl Figures {
     /// What the columns are.
     pub const HEAD: &'static str =
-        "series                               good  horns: speed  acceleration   deg/s  ready after";
+        "series                                  good  outside  horns: speed  acceleration   deg/s  ready after";
 }
 
 impl fmt::Display for Figures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Figures { series, count, good, horns, slowest } = self;
+        let Figures { series, count, good, outside, horns, slowest } = self;
         write!(
             f,
-            "{:34} {good:>4}/{count:<4}  {:>10.3}  {:>12.3}  {:>6.0}  {slowest:>9.1} s",
+            "{:34} {good:>4}/{count:<4}  {outside:>7}  {:>12.3}  {:>12.3}  {:>6.0}  {slowest:>9.1} s",
             series.name(),
             horns.speed,
             horns.acceleration,

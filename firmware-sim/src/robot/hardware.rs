@@ -9,6 +9,9 @@ use super::motor::{Drive, Motor, STEP};
 use super::pca9685::Pca9685;
 use super::sts3215::{Chain, Sts3215};
 
+/// Microseconds that a serial servo's firmware takes to start.
+pub const AWAKE: u64 = 400_000;
+
 /// How power comes up.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Boot {
@@ -31,6 +34,8 @@ pub struct Hardware {
     motors: Vec<Motor>,
     /// Chips and motors have power.
     powered: bool,
+    /// Microseconds at which the firmware of serial servos has started.
+    awake_at: u64,
     time: u64,
 }
 
@@ -73,7 +78,7 @@ impl Hardware {
             let limits = (f64::from(channel.speed), f64::from(channel.acceleration));
             motors.push(Motor::new(angle, limits, neutral, f64::from(random.below(1001)) / 1000.0, boot.held));
         }
-        Hardware { chips, chain, pins: BTreeMap::new(), channels, motors, powered: true, time: 0 }
+        Hardware { chips, chain, pins: BTreeMap::new(), channels, motors, powered: true, awake_at: AWAKE, time: 0 }
     }
 
     /// The command that a servo hears now; `None` when it hears none.
@@ -112,7 +117,7 @@ impl Hardware {
 
     /// Chips and servos lose their power, or get it back and have forgotten everything.
     pub fn power(&mut self, on: bool) {
-        self.powered = on;
+        (self.powered, self.awake_at) = (on, self.time + AWAKE);
         self.chips.values_mut().for_each(Pca9685::reset);
         self.chain.servos.iter_mut().for_each(Sts3215::reset);
         self.chain.answers.clear();
@@ -142,6 +147,9 @@ impl Hardware {
     pub fn advance(&mut self, time: u64) {
         while self.time < time {
             self.time += (STEP * 1e6) as u64;
+            if self.powered && self.time >= self.awake_at {
+                self.chain.servos.iter_mut().filter(|servo| !servo.awake).for_each(Sts3215::wake);
+            }
             for index in 0..self.motors.len() {
                 let drive = self.drive(index);
                 self.motors[index].step(drive);
@@ -149,7 +157,10 @@ impl Hardware {
             for servo in &mut self.chain.servos {
                 let index = self.channels.iter().position(|channel| channel.bus == Bus::Sts3215 { id: servo.id });
                 if let Some(index) = index {
-                    servo.position = command(&self.channels[index], self.motors[index].angle()).round() as u16;
+                    let (channel, motor) = (&self.channels[index], &self.motors[index]);
+                    servo.position = command(channel, motor.angle()).round() as u16;
+                    let turning = command(channel, motor.speed()) - command(channel, 0.0);
+                    servo.turning = turning.abs().round() as u16 | if turning < 0.0 { 0x8000 } else { 0 };
                 }
             }
         }

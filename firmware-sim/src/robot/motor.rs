@@ -12,7 +12,7 @@ const FREQUENCY: f64 = 80.0;
 /// Largest acceleration of the motor.
 const STRENGTH: f64 = 4.0;
 /// Of what hangs on the horn, at most.
-const LOAD: f64 = 0.2;
+const LOAD: f64 = 0.18;
 /// Of the gears.
 const FRICTION: f64 = 0.1;
 /// Speed that the gears take without power, per second.
@@ -65,6 +65,11 @@ impl Motor {
     /// Where the horn stands, degrees.
     pub const fn angle(&self) -> f64 {
         self.angle
+    }
+
+    /// How fast it turns, degrees a second.
+    pub const fn speed(&self) -> f64 {
+        self.speed
     }
 
     /// Moves for [`STEP`].

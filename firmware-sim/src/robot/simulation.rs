@@ -8,13 +8,13 @@ use std::cell::RefCell;
 use std::iter::Peekable;
 use std::rc::Rc;
 
-use motionette::playback::output::{Lost, Output, Pca9685, Pwm, Runner, Sts3215, Time};
+use motionette::playback::output::{Held, Lost, Output, Pca9685, Pwm, Runner, Sts3215, Time};
 use motionette::playback::{Channel, Ends, Line, Player, Robot, Start, State, When};
 use serde::Serialize;
 
 use super::clock::Clock;
 use super::faults::{Fault, Injector, Kind};
-use super::hardware::{Boot, Hardware};
+use super::hardware::{AWAKE, Boot, Hardware};
 use super::wires::{Faulty, I2cWire, Pin, SerialWire};
 use motionette::motion::Pose;
 
@@ -30,8 +30,8 @@ const BUDGET: f64 = 0.6;
 const AFTERWARDS: u64 = 2_500_000;
 /// Microseconds from a reset of the microcontroller to its first tick.
 const REBOOT: u64 = 300_000;
-/// Microseconds in which a robot must be back after a fault.
-const RECOVERY: u64 = 500_000;
+/// Microseconds in which a robot must be back after a fault, and after its servos have started again.
+const RECOVERY: u64 = 500_000 + AWAKE;
 
 /// What the firmware's thread does at some time.
 #[derive(Debug, Clone)]
@@ -206,11 +206,11 @@ impl Output for Wiring {
         self.pins.find(channels, index, time).map_err(BusFailed::of::<Pwm<Pin, PINS>>)
     }
 
-    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, BusFailed> {
+    fn hold(&mut self, channels: &[Channel], index: usize, slack: f32, time: &mut Time<'_>) -> Result<Held, BusFailed> {
         if !self.serial.serves(&channels[index]) {
-            return Ok(None);
+            return Ok(Held::Unknown);
         }
-        self.serial.hold(channels, index, time).map_err(BusFailed::of::<Serial>)
+        self.serial.hold(channels, index, slack, time).map_err(BusFailed::of::<Serial>)
     }
 
     fn write(&mut self, channels: &[Channel], commands: &[u16], time: &mut Time<'_>) -> Result<(), BusFailed> {

@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 
 /// Where a packet's parts lie.
 const HEADER: usize = 4;
+/// Bytes that the host's receiver keeps.
+const RECEIVER: usize = 64;
 /// Registers that matter here, of two bytes each but for the first two.
 mod register {
     pub const TORQUE: u8 = 40;
@@ -14,6 +16,8 @@ mod register {
     pub const SPEED_HIGH: u8 = 47;
     pub const POSITION: u8 = 56;
     pub const POSITION_HIGH: u8 = 57;
+    pub const TURNING: u8 = 58;
+    pub const TURNING_HIGH: u8 = 59;
 }
 
 /// A servo's controller.
@@ -31,8 +35,12 @@ pub struct Sts3215 {
     pub speed: u16,
     /// Where it stands.
     pub position: u16,
-    /// Where it stood when power came up: it holds there while its motor is on and no goal has come.
+    /// How fast it turns, positions a second; the highest bit is the direction.
+    pub turning: u16,
+    /// Where it stood when it awoke: it holds there while its motor is on and no goal has come.
     pub woke_at: u16,
+    /// Whether its firmware has started since power came up; before that it hears and says nothing.
+    pub awake: bool,
     /// Whether its firmware switches the motor on when power comes up. Both are sold.
     stiff: bool,
     /// Error bits that it reports.
@@ -42,17 +50,19 @@ pub struct Sts3215 {
 }
 
 impl Sts3215 {
-    /// A servo that stands at `position` as power comes up, with its motor on if it is a `stiff` one.
+    /// A servo that stands at `position` as power comes up. A `stiff` one switches its motor on when it awakes.
     #[must_use]
     pub const fn new(id: u8, position: u16, stiff: bool) -> Self {
         Sts3215 {
             id,
-            torque: stiff,
+            torque: false,
             goal: None,
             acceleration: 0,
             speed: 0,
             position,
+            turning: 0,
             woke_at: position,
+            awake: false,
             stiff,
             flags: 0,
             delay: 100,
@@ -62,6 +72,11 @@ impl Sts3215 {
     /// Power is lost and comes back.
     pub fn reset(&mut self) {
         *self = Sts3215 { flags: self.flags, delay: self.delay, ..Sts3215::new(self.id, self.position, self.stiff) };
+    }
+
+    /// Its firmware has started.
+    pub const fn wake(&mut self) {
+        (self.awake, self.torque, self.woke_at) = (true, self.stiff, self.position);
     }
 
     fn write(&mut self, register: u8, data: &[u8]) {
@@ -84,14 +99,15 @@ impl Sts3215 {
     }
 
     fn read(&self, register: u8, length: u8) -> Vec<u8> {
-        let [goal, speed, position] =
-            [self.goal.unwrap_or(self.position), self.speed, self.position].map(u16::to_le_bytes);
+        let [goal, speed, position, turning] =
+            [self.goal.unwrap_or(self.position), self.speed, self.position, self.turning].map(u16::to_le_bytes);
         let at = |register: u8| match register {
             register::TORQUE => u8::from(self.torque),
             register::ACCELERATION => self.acceleration,
             register::GOAL..=register::GOAL_HIGH => goal[usize::from(register - register::GOAL)],
             register::SPEED..=register::SPEED_HIGH => speed[usize::from(register - register::SPEED)],
             register::POSITION..=register::POSITION_HIGH => position[usize::from(register - register::POSITION)],
+            register::TURNING..=register::TURNING_HIGH => turning[usize::from(register - register::TURNING)],
             _ => 0,
         };
         (0..length).map(|offset| at(register.wrapping_add(offset))).collect()
@@ -143,23 +159,28 @@ impl Chain {
     fn execute(&mut self, id: u8, instruction: u8, parameters: &[u8], now: u64, byte_time: u64) {
         match (instruction, parameters) {
             (0x02, [register, length]) => {
-                let Some(servo) = self.servos.iter().find(|servo| servo.id == id) else { return };
+                let Some(servo) = self.servos.iter().find(|servo| servo.id == id && servo.awake) else { return };
                 let mut reply = vec![0xFF, 0xFF, id, length + 2, servo.flags];
                 reply.extend(servo.read(*register, *length));
                 reply.push(checksum(&reply[2..]));
                 let times = (1..).map(|k| now + servo.delay + k * byte_time);
-                self.answers.extend(times.zip(reply));
+                // What nobody reads in time is lost.
+                let room = RECEIVER.saturating_sub(self.answers.len());
+                self.answers.extend(times.zip(reply).take(room));
             }
             (0x03, [register, data @ ..]) => {
                 self.servos
                     .iter_mut()
-                    .filter(|servo| servo.id == id || id == 0xFE)
+                    .filter(|servo| servo.awake && (servo.id == id || id == 0xFE))
                     .for_each(|s| s.write(*register, data));
             }
             (0x83, [register, length, data @ ..]) => {
                 for part in data.chunks_exact(usize::from(*length) + 1) {
                     let (id, data) = (part[0], &part[1..]);
-                    self.servos.iter_mut().filter(|servo| servo.id == id).for_each(|s| s.write(*register, data));
+                    self.servos
+                        .iter_mut()
+                        .filter(|servo| servo.awake && servo.id == id)
+                        .for_each(|s| s.write(*register, data));
                 }
             }
             _ => {}
@@ -175,6 +196,9 @@ mod tests {
     fn packets_of_the_manual_are_understood_and_damaged_ones_are_not() {
         let mut chain =
             Chain { servos: vec![Sts3215::new(1, 2048, false), Sts3215::new(2, 100, false)], ..Chain::default() };
+        chain.receive(&[0xFF, 0xFF, 0x01, 0x04, 0x02, 0x38, 0x02, 0xBE], 0, 10);
+        assert!(chain.answers.is_empty(), "nothing is said before the firmware has started");
+        chain.servos.iter_mut().for_each(Sts3215::wake);
         // Read two bytes of the position of servo 1, in pieces and behind noise.
         chain.receive(&[0x55, 0xFF, 0xFF, 0x01, 0x04], 0, 10);
         chain.receive(&[0x02, 0x38, 0x02, 0xBE], 50, 10);

@@ -16,9 +16,6 @@ use super::start::Start;
 /// Items that a tick throws away at most when a motion is cut off.
 const THROWN_AWAY: usize = 32;
 
-/// How far beyond its range a servo may stand when it is found, degrees.
-const PLAY: f32 = 1.0;
-
 /// How far from where the motion wants it a servo counts as held back by its limits: a tenth of a degree.
 const BEHIND: Angle = (UNITS as Angle) / 10;
 
@@ -534,11 +531,12 @@ impl Channel {
         kept as u16
     }
 
-    /// Whether a servo that says that it stands at `command` is in its range, or beyond an end by no more than gears have play: a degree.
+    /// Whether a servo that says that it stands at `command` is in its range, or beyond an end by no more than `slack` degrees.
     #[must_use]
-    pub fn admits(&self, command: u16) -> bool {
+    #[inline(never)]
+    pub fn admits(&self, command: u16, slack: f32) -> bool {
         let ([low, high], angle) = (self.range, self.degrees(command));
-        angle >= low - PLAY && angle <= high + PLAY
+        angle >= low - slack && angle <= high + slack
     }
 
     /// Degrees of a command, within the range or not.

@@ -2,7 +2,7 @@
 
 use embedded_hal::digital::OutputPin;
 
-use super::{EitherError, Lost, Output, Time};
+use super::{EitherError, Held, Lost, Output, Time};
 use crate::playback::robot::Channel;
 
 /// An output whose chips give pulses only while a pin is low: `OE` of a PCA9685, pulled high by a resistor, so that nothing is given
@@ -37,8 +37,14 @@ impl<O: Output, P: OutputPin> Output for Gate<O, P> {
         self.output.find(channels, index, time).map_err(EitherError::First)
     }
 
-    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
-        self.output.hold(channels, index, time).map_err(EitherError::First)
+    fn hold(
+        &mut self,
+        channels: &[Channel],
+        index: usize,
+        slack: f32,
+        time: &mut Time<'_>,
+    ) -> Result<Held, Self::Error> {
+        self.output.hold(channels, index, slack, time).map_err(EitherError::First)
     }
 
     fn write(&mut self, channels: &[Channel], commands: &[u16], time: &mut Time<'_>) -> Result<(), Self::Error> {

@@ -59,6 +59,18 @@ pub enum Lost {
     Blind,
 }
 
+/// What came of making a servo hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Held {
+    /// It cannot say where it stands, and is left as it is.
+    Unknown,
+    /// It moves too fast to be stopped gently, and is left as it is.
+    Moving,
+    /// It stands at this command, and holds there if it was allowed to; else it is left as it is.
+    At(u16),
+}
+
 /// Gives servos their commands. `index` is that of a channel among `channels`, of which an output serves those of its own bus.
 ///
 /// Every method makes one attempt, MUST return before `time` is over or soon after, and MUST be able to go on after an error.
@@ -76,12 +88,18 @@ pub trait Output {
     /// It does not answer.
     fn find(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error>;
 
-    /// Makes a servo hold where it stands, and says where that is. One that cannot say where it stands is left as it is: `None`. One
-    /// that stands outside its range ([`Channel::admits`]) is left off.
+    /// Makes a servo hold where it stands, and says where that is. Outside its range, but by no more than `slack` degrees
+    /// ([`Channel::admits`]), it is brought back to its end as slowly as it can be told to; farther off it is left as it is.
     ///
     /// # Errors
     /// It does not answer, or has not understood.
-    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error>;
+    fn hold(
+        &mut self,
+        channels: &[Channel],
+        index: usize,
+        slack: f32,
+        time: &mut Time<'_>,
+    ) -> Result<Held, Self::Error>;
 
     /// Gives every servo of this output its command; `commands` go with `channels`. Sets the bus or its chips up anew when needed, but
     /// MUST NOT move a servo that has lost its power.
@@ -105,8 +123,14 @@ impl<T: Output + ?Sized> Output for &mut T {
         (**self).find(channels, index, time)
     }
 
-    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
-        (**self).hold(channels, index, time)
+    fn hold(
+        &mut self,
+        channels: &[Channel],
+        index: usize,
+        slack: f32,
+        time: &mut Time<'_>,
+    ) -> Result<Held, Self::Error> {
+        (**self).hold(channels, index, slack, time)
     }
 
     fn write(&mut self, channels: &[Channel], commands: &[u16], time: &mut Time<'_>) -> Result<(), Self::Error> {
@@ -143,11 +167,17 @@ impl<A: Output, B: Output> Output for (A, B) {
         }
     }
 
-    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
+    fn hold(
+        &mut self,
+        channels: &[Channel],
+        index: usize,
+        slack: f32,
+        time: &mut Time<'_>,
+    ) -> Result<Held, Self::Error> {
         if channels.get(index).is_some_and(|channel| self.0.serves(channel)) {
-            self.0.hold(channels, index, time).map_err(EitherError::First)
+            self.0.hold(channels, index, slack, time).map_err(EitherError::First)
         } else {
-            self.1.hold(channels, index, time).map_err(EitherError::Second)
+            self.1.hold(channels, index, slack, time).map_err(EitherError::Second)
         }
     }
 

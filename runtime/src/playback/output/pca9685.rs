@@ -3,7 +3,7 @@
 use embedded_hal::i2c::I2c;
 use pwm_pca9685::{Channel as Outputs, Pca9685 as Driver};
 
-use super::{Lost, Output, Time};
+use super::{Held, Lost, Output, Time};
 use crate::playback::robot::{Bus, Channel};
 
 /// Counts of the chip's oscillator a microsecond.
@@ -127,8 +127,8 @@ impl<I2C: I2c> Output for Pca9685<I2C> {
         Ok(None)
     }
 
-    fn hold(&mut self, _: &[Channel], _: usize, _: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
-        Ok(None)
+    fn hold(&mut self, _: &[Channel], _: usize, _: f32, _: &mut Time<'_>) -> Result<Held, Self::Error> {
+        Ok(Held::Unknown)
     }
 
     fn lost(error: &Self::Error) -> Option<Lost> {

@@ -2,7 +2,7 @@
 
 use embedded_hal::pwm::SetDutyCycle;
 
-use super::{Lost, Output, Time};
+use super::{Held, Lost, Output, Time};
 use crate::playback::robot::{Bus, Channel};
 
 /// PWM pins, by the numbers that the robot's description gives them.
@@ -43,8 +43,8 @@ impl<P: SetDutyCycle, const N: usize> Output for Pwm<P, N> {
         Ok(None)
     }
 
-    fn hold(&mut self, _: &[Channel], _: usize, _: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
-        Ok(None)
+    fn hold(&mut self, _: &[Channel], _: usize, _: f32, _: &mut Time<'_>) -> Result<Held, Self::Error> {
+        Ok(Held::Unknown)
     }
 
     fn lost(_: &Self::Error) -> Option<Lost> {

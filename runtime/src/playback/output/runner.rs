@@ -1,6 +1,6 @@
 //! A player and the servos that it moves: their start, their ticks, and what happens when a bus fails.
 
-use super::{Lost, Output, Time};
+use super::{Held, Lost, Output, Time};
 use crate::playback::control::State;
 use crate::playback::player::Player;
 use crate::playback::start::{Start, StartFault};
@@ -8,11 +8,14 @@ use crate::playback::start::{Start, StartFault};
 /// Attempts in a tick, and in a tick after one in which all failed: a bus that is down must not keep the processor from its work.
 const ATTEMPTS: u32 = 4;
 const ATTEMPTS_WHEN_DOWN: u32 = 2;
-/// Attempts in which a servo may not answer before it is said to be silent.
-const PATIENCE: u8 = 10;
 /// Seconds without commands after which servos that have lost their power, and cannot say where they are, are no longer taken to be
 /// about where they were.
 const REMEMBERED: u32 = 1;
+
+/// Degrees beyond its range at which a servo may be found as power comes up: gears have play.
+const PLAY: f32 = 1.0;
+/// The same when it has lost its power in motion: it coasts on.
+const COASTED: f32 = 20.0;
 
 /// What a runner has counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -55,9 +58,9 @@ pub struct Runner<'a, O, const C: usize> {
     output: O,
     bus: BusStatus,
     phase: Phase,
-    /// The channel that is asked next, and how often in a row it has not answered.
+    /// The channel that is asked next, and for how many ticks it has not answered; from a second on it is said to be silent.
     next: usize,
-    misses: u8,
+    misses: u16,
     /// Where servos were found, degrees.
     found: [f32; C],
     /// Some servo cannot say where it stands.
@@ -134,24 +137,31 @@ impl<'a, O: Output, const C: usize> Runner<'a, O, C> {
             let (Some(channel), Some(found)) = (channels.get(index), self.found.get_mut(index)) else {
                 return (Start::Reading, None);
             };
+            let slack = if self.known { COASTED } else { PLAY };
             let answer = match self.phase {
-                Phase::Find => self.output.find(channels, index, time),
-                _ => self.output.hold(channels, index, time),
+                Phase::Find => {
+                    let found = self.output.find(channels, index, time);
+                    found.map(|found| found.map_or(Held::Unknown, Held::At))
+                }
+                _ => self.output.hold(channels, index, slack, time),
             };
             let at = match answer {
                 Err(error) => {
-                    self.bus.errors = self.bus.errors.wrapping_add(1);
+                    // When power comes up, servos take their time.
+                    self.bus.errors = self.bus.errors.wrapping_add(u32::from(self.known));
                     self.misses = self.misses.saturating_add(1);
-                    let start = if self.misses < PATIENCE { Start::Reading } else { refused(StartFault::Silent).0 };
+                    let patient = self.misses < self.player.tick_rate();
+                    let start = if patient { Start::Reading } else { refused(StartFault::Silent).0 };
                     return (start, Some(error));
                 }
-                Ok(Some(command)) if channel.admits(command) => Some(channel.degrees(command)),
-                Ok(Some(command)) => {
+                Ok(Held::At(command)) if channel.admits(command, slack) => Some(channel.degrees(command)),
+                Ok(Held::At(command)) => {
                     let decidegrees = (10.0 * channel.degrees(command)) as i16;
                     return refused(StartFault::OutOfRange { decidegrees });
                 }
-                Ok(None) if self.known => self.player.angles().nth(index),
-                Ok(None) => {
+                Ok(Held::Moving) => return (Start::Reading, None),
+                Ok(Held::Unknown) if self.known => self.player.angles().nth(index),
+                Ok(Held::Unknown) => {
                     self.blind = true;
                     channel.start
                 }
@@ -159,7 +169,7 @@ impl<'a, O: Output, const C: usize> Runner<'a, O, C> {
             // A servo that should say where it stands may be on an output that cannot ask it.
             let Some(at) = at else { return refused(StartFault::Silent) };
             (*found, self.next, self.misses) = (at, index.saturating_add(1), 0);
-            if !matches!(answer, Ok(None)) || time.left() == 0 {
+            if !matches!(answer, Ok(Held::Unknown)) || time.left() == 0 {
                 return (Start::Reading, None);
             }
         }

@@ -12,7 +12,7 @@
 
 use embedded_io::{Read, ReadReady, Write};
 
-use super::{Lost, Output, Time};
+use super::{Held, Lost, Output, Time};
 use crate::playback::robot::{Bus, Channel, MAX_CHANNELS};
 
 /// Instructions.
@@ -37,6 +37,8 @@ pub mod register {
     pub const SPEED: u8 = 46;
     /// Where it stands, two bytes, low first.
     pub const POSITION: u8 = 56;
+    /// How fast it turns, two bytes, low first, positions a second; the highest bit is the direction.
+    pub const TURNING: u8 = 58;
 }
 
 /// The id that all servos listen to.
@@ -47,8 +49,12 @@ pub const HEADER: [u8; 2] = [0xFF, 0xFF];
 const LONGEST: usize = 8 + 3 * MAX_CHANNELS;
 /// Largest speed that is set; above it lies the direction.
 const FASTEST: u16 = 0x7FFE;
-/// Registers that are read: from [`register::TORQUE`] to the second byte of [`register::POSITION`].
-const BLOCK: u8 = register::POSITION + 2 - register::TORQUE;
+/// Positions a second, 10 degrees.
+const SLOW: u16 = 114;
+/// How often a servo that sags is let sag on before it is stopped all the same.
+const RESTLESS: u8 = 50;
+/// Registers that are read: from [`register::TORQUE`] to the second byte of [`register::TURNING`].
+const BLOCK: u8 = register::TURNING + 2 - register::TORQUE;
 /// Bytes of the answer.
 const ANSWER: usize = 6 + BLOCK as usize;
 
@@ -60,6 +66,8 @@ pub struct Sts3215<S> {
     turn: usize,
     /// Servos that must answer before goals are sent again: there was a silence.
     doubted: usize,
+    /// How often the servo that is to hold was found moving.
+    restless: u8,
     positions: [Option<u16>; MAX_CHANNELS],
 }
 
@@ -105,6 +113,7 @@ struct Guard {
 
 impl Guard {
     /// The limits of a channel, within what the registers can say.
+    #[inline(never)]
     fn of(channel: &Channel) -> Self {
         let ([low, high], [first, last]) = (channel.range, channel.command.map(f32::from));
         let positions = (last - first) / (high - low);
@@ -116,7 +125,17 @@ impl Guard {
             u8::MAX => u8::MAX - 1,
             other => other,
         };
-        Guard { acceleration, speed: if speed > FASTEST { FASTEST } else { speed + 1 } }
+        Guard { acceleration, speed: if speed >= FASTEST { FASTEST } else { speed + 1 } }
+    }
+
+    /// The same as slowly as servos turn evenly, for one that comes back into its range by itself.
+    const fn slow(self) -> Self {
+        Guard { speed: if self.speed < SLOW { self.speed } else { SLOW }, ..self }
+    }
+
+    /// Positions a second from which a servo's controller, which takes some 15 ms to do so, stops it within its acceleration.
+    const fn gentle(self) -> u16 {
+        self.acceleration as u16 * 3 / 2
     }
 }
 
@@ -127,6 +146,7 @@ struct Report {
     guard: Guard,
     goal: u16,
     position: u16,
+    speed: u16,
 }
 
 /// The checksum of a packet's bytes behind the header.
@@ -141,6 +161,7 @@ struct Packet {
 }
 
 impl Packet {
+    #[inline(never)]
     fn new(id: u8, instruction: u8, parameters: &[u8]) -> Self {
         let mut packet = Packet { bytes: heapless::Vec::new() };
         packet.push(&HEADER);
@@ -149,11 +170,13 @@ impl Packet {
         packet
     }
 
+    #[inline(never)]
     fn push(&mut self, bytes: &[u8]) {
         // As long as the longest that is made.
         let _ = self.bytes.extend_from_slice(bytes);
     }
 
+    #[inline(never)]
     fn send<S: Write>(mut self, port: &mut S) -> Result<(), S::Error> {
         // Length and checksum count the instruction, the parameters and one byte more.
         let length = self.bytes.len().saturating_sub(3) as u8;
@@ -170,7 +193,7 @@ impl Packet {
 impl<S: Read + ReadReady + Write> Sts3215<S> {
     /// The servos on `port`. Nothing is sent yet.
     pub const fn new(port: S) -> Self {
-        Sts3215 { port, turn: 0, doubted: 0, positions: [None; MAX_CHANNELS] }
+        Sts3215 { port, turn: 0, doubted: 0, restless: 0, positions: [None; MAX_CHANNELS] }
     }
 
     /// The port.
@@ -214,7 +237,7 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
         let garbled = Sts3215Error::Garbled { id };
         let Some((sum, packet)) = answer.split_last() else { return Err(garbled) };
         let [0xFF, 0xFF, content @ ..] = packet else { return Err(garbled) };
-        let [from, length, flags, torque, acceleration, g0, g1, _, _, s0, s1, .., p0, p1] = *content else {
+        let [from, length, flags, torque, acceleration, g0, g1, _, _, s0, s1, .., p0, p1, t0, t1] = *content else {
             return Err(garbled);
         };
         if from != id || length != BLOCK + 2 || *sum != checksum(content) {
@@ -228,10 +251,12 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
             *slot = Some(position);
         }
         let guard = Guard { acceleration, speed: u16::from_le_bytes([s0, s1]) };
-        Ok(Report { torque: torque != 0, guard, goal: u16::from_le_bytes([g0, g1]), position })
+        let speed = u16::from_le_bytes([t0, t1]) & (i16::MAX as u16);
+        Ok(Report { torque: torque != 0, guard, goal: u16::from_le_bytes([g0, g1]), position, speed })
     }
 
     /// Writes registers of a servo; nobody answers.
+    #[inline(never)]
     fn set(&mut self, id: u8, register: u8, values: &[u8]) -> Result<(), Sts3215Error<S::Error>> {
         let mut packet = Packet::new(BROADCAST, instruction::SYNC_WRITE, &[register, values.len() as u8, id]);
         packet.push(values);
@@ -241,9 +266,9 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
     /// Asks as many servos as must have answered before goals may be sent: the one whose turn it is, and after a silence all.
     #[inline(never)]
     fn check(&mut self, channels: &[Channel], time: &mut Time<'_>) -> Result<(), Sts3215Error<S::Error>> {
-        let count = mine(channels).count();
+        let count = count(channels);
         loop {
-            let Some((index, id)) = mine(channels).nth(self.turn) else {
+            let Some((index, id)) = nth(channels, self.turn) else {
                 self.turn = 0;
                 return Ok(());
             };
@@ -256,8 +281,15 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
                     return Err(error);
                 }
             };
-            if !report.torque || channels.get(index).is_some_and(|channel| Guard::of(channel) != report.guard) {
+            let Some(channel) = channels.get(index) else { return Ok(()) };
+            let guard = Guard::of(channel);
+            let slow = report.guard != guard && report.guard == guard.slow();
+            if !report.torque || !(slow || report.guard == guard) {
                 return Err(Sts3215Error::Off { id });
+            }
+            if slow && channel.admits(report.position, 0.5) {
+                // Back in its range.
+                self.set(id, register::SPEED, &guard.speed.to_le_bytes())?;
             }
             self.turn = if self.turn + 1 < count { self.turn + 1 } else { 0 };
             self.doubted = self.doubted.saturating_sub(1);
@@ -269,6 +301,18 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
             }
         }
     }
+}
+
+/// How many servos of this bus there are among the robot's.
+#[inline(never)]
+fn count(channels: &[Channel]) -> usize {
+    mine(channels).count()
+}
+
+/// One of them: its channel and its id.
+#[inline(never)]
+fn nth(channels: &[Channel], number: usize) -> Option<(usize, u8)> {
+    mine(channels).nth(number)
 }
 
 /// The servos of this bus among the robot's.
@@ -291,25 +335,37 @@ impl<S: Read + ReadReady + Write> Output for Sts3215<S> {
         self.ask(index, id, time).map(|report| Some(report.position))
     }
 
-    fn hold(&mut self, channels: &[Channel], index: usize, time: &mut Time<'_>) -> Result<Option<u16>, Self::Error> {
-        let Some(channel) = channels.get(index) else { return Ok(None) };
-        let Bus::Sts3215 { id } = channel.bus else { return Ok(None) };
+    fn hold(
+        &mut self,
+        channels: &[Channel],
+        index: usize,
+        slack: f32,
+        time: &mut Time<'_>,
+    ) -> Result<Held, Self::Error> {
+        let Some(channel) = channels.get(index) else { return Ok(Held::Unknown) };
+        let Bus::Sts3215 { id } = channel.bus else { return Ok(Held::Unknown) };
         // They are all asked now.
         self.doubted = 0;
         let (guard, report) = (Guard::of(channel), self.ask(index, id, time)?);
-        if report.torque && report.guard == guard && channel.admits(report.goal) {
+        if report.torque && report.guard == guard && channel.admits(report.goal, 0.0) {
             // It holds already: nothing but the microcontroller was reset, or others have lost their power.
-            return Ok(Some(report.goal));
+            return Ok(Held::At(report.goal));
         }
-        if !channel.admits(report.position) {
-            return Ok(Some(report.position));
+        if !channel.admits(report.position, slack) {
+            return Ok(Held::At(report.position));
         }
+        if report.speed > guard.gentle() && self.restless < RESTLESS {
+            self.restless += 1;
+            return Ok(Held::Moving);
+        }
+        self.restless = 0;
         let [first, last] = channel.command;
         let goal = match report.position {
             below if below < first => first,
             above if above > last => last,
             inside => inside,
         };
+        let guard = if goal == report.position { guard } else { guard.slow() };
         // One packet, so that no goal is ever without its limits, and read back, since writing is not answered.
         let ([g0, g1], [s0, s1]) = (goal.to_le_bytes(), guard.speed.to_le_bytes());
         self.set(id, register::ACCELERATION, &[guard.acceleration, g0, g1, 0, 0, s0, s1])?;
@@ -318,7 +374,7 @@ impl<S: Read + ReadReady + Write> Output for Sts3215<S> {
             return Err(Sts3215Error::Garbled { id });
         }
         self.set(id, register::TORQUE, &[1])?;
-        Ok(Some(goal))
+        Ok(Held::At(goal))
     }
 
     fn write(&mut self, channels: &[Channel], commands: &[u16], time: &mut Time<'_>) -> Result<(), Self::Error> {
