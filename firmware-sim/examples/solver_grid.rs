@@ -11,10 +11,10 @@ use clap::Parser;
 use motionette::hash::Stream;
 use motionette::refining::{Config, PerFamily};
 use motionette::{Anchor, Request};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::dataset::{Dataset, Split};
-use motionette_host::reference::Tokenizer;
-use motionette_host::{checkpoint, metrics, parallel, verify};
+use motionette_host::reference::{Tokenizer, bridge};
+use motionette_host::{checkpoint, metrics, parallel};
 use motionette_sim::session;
 use std::path::PathBuf;
 
@@ -114,7 +114,7 @@ fn problems(
         let clip = &long[i * long.len() / arguments.clips.min(long.len())];
         let columns = clip.features.len() / clip.frames();
         let ids = tokenizer.encode(&clip.features[..frames * columns])?;
-        let mut tokens: Vec<u16> = ids.into_iter().map(verify::runtime_token).collect();
+        let mut tokens: Vec<u16> = ids.into_iter().map(bridge::runtime_token).collect();
         for token in &mut tokens {
             if random.unit() < arguments.corruption {
                 *token = random.below(codes) as u16;

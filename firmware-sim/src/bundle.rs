@@ -8,7 +8,7 @@ use clap::Args;
 use motionette::{Anchor, Model, Request};
 use motionette_host::dataset::Dataset;
 use motionette_host::reference::Tokenizer;
-use motionette_host::verify::runtime_token;
+use motionette_host::reference::bridge::runtime_token;
 use motionette_host::{anchors_file, checkpoint, output};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -111,7 +111,7 @@ impl Cmd {
     pub fn run(self) -> anyhow::Result<()> {
         let dataset = Dataset::load(&self.dataset)?;
         let tokenizer = Tokenizer::<f32>::new(&checkpoint::load(&self.checkpoint)?);
-        let blob = motionette_host::blob_file::BlobFile::open(&self.blob)?;
+        let blob = motionette_host::blob::BlobFile::open(&self.blob)?;
         let model = blob.model()?;
         let mut clips = Vec::new();
         for id in &self.clips {

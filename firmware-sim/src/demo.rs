@@ -12,20 +12,20 @@ use anyhow::{Context, bail};
 use clap::Args;
 use motionette::hash::Stream;
 use motionette::motion::skeleton::{NAMES, PARENTS};
-use motionette::perception::anchors::AnchorSet;
 use motionette::perception::text::{UNKNOWN, Words};
 use motionette::planning::{Length, Planning};
 use motionette::playback::Robot;
 use motionette::refining::{Activity, Basis, Config};
+use motionette::request::conditions::AnchorSet;
 use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};
-use motionette_host::convert::AlignedBlob;
+use motionette_host::dataset::captioned::CaptionedMotion;
 use motionette_host::motion::Pose;
-use motionette_host::reference::{Prior, Road};
-use motionette_host::verify::planner::{self, Case};
-use motionette_host::verify::solvers::reference_anchor;
+use motionette_host::reference::bridge::reference_anchor;
+use motionette_host::reference::{DecodePath, Prior};
+use motionette_host::verify::planner;
 use motionette_host::{anchors_file, export, output, robot_file};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -176,7 +176,7 @@ impl Cmd {
         };
 
         let started = Instant::now();
-        let reference = Road::<f32>::new(&checkpoint)?.forward(&after.u).joints;
+        let reference = DecodePath::<f32>::new(&checkpoint)?.forward(&after.u).joints;
         let reference_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut agreement = Agreement::default();
         agreement.add(&source.name, &after.joints, &reference);
@@ -281,7 +281,7 @@ impl Cmd {
             (Some(text), _, _) => source::prompt(text),
             (None, Some(path), _) => source::recording(path, checkpoint, model.max_tokens())?,
             (None, None, Some(name)) => source::bundled(Some(name))?,
-            (None, None, None) => source::default_job()?,
+            (None, None, None) => source::default_job(model.frame_rate())?,
         };
         if let Some(path) = &self.anchors {
             source.anchors = anchors_file::read(path)?;
@@ -367,7 +367,7 @@ impl Cmd {
             prior = prior.controlled(&control, tokenizer.config.fps);
         }
         let read = prior.text.read(prompt)?;
-        let case = Case {
+        let case = CaptionedMotion {
             id: "prompt".into(),
             prompt: prompt.to_owned(),
             words: read.ids,
@@ -376,12 +376,13 @@ impl Cmd {
         };
         let guided = case.guided(&prior, 1.0);
         let codes = prior.planner.codes;
+        let planning = self.planning(&blob.model()?);
         // The first step saw random tokens, every other one what the step before it left.
         let mut stream = Stream::new(self.seed);
         let first: Vec<u16> = after.tokens.iter().map(|_| stream.below(codes as u32) as u16).collect();
         let (mut same, mut positions) = (0, 0);
         for (k, tokens) in std::iter::once(&first).chain(&after.steps).take(after.steps.len()).enumerate() {
-            let time = k as f64 / after.steps.len() as f64;
+            let time = f64::from(planning.schedule.time(k as u16, planning.steps));
             let (expected, found) =
                 (prior.logits(&guided, tokens, time, &[]), planner::logits(blob, &case, tokens, time)?);
             for (a, b) in expected.chunks_exact(codes).zip(found.chunks_exact(codes)) {

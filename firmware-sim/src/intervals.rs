@@ -1,11 +1,11 @@
 //! The intervals between anchors on the token grid, and how active they are at finished motions: asked of the runtime's solver.
 
 use motionette::Anchor;
-use motionette::perception::anchors::{AnchorError, AnchorSet, MAX_ANCHORS};
 use motionette::refining::activity::{Random, activities};
-use motionette::refining::interval_basis::{self, IntervalBasis};
-use motionette::refining::objective::Measured;
-use motionette::refining::{Activity, Basis, PerFamily};
+use motionette::refining::basis::{self, IntervalBasis};
+use motionette::refining::terms::anchors::Distances;
+use motionette::refining::{Activity, Basis, PerFamily, TokenGrid};
+use motionette::request::conditions::{AnchorError, AnchorSet};
 use motionette_host::motion::Pose;
 use serde::Serialize;
 
@@ -41,38 +41,29 @@ pub fn of(
         return Ok(Vec::new());
     }
     // Every basis has the same intervals; this one needs no memory.
-    let basis = IntervalBasis::new(&set, frames, tokens, Basis::Plain, &mut []);
+    let grid = TokenGrid { tokens, frames_per_token: frames / tokens.max(1) };
+    let cut = IntervalBasis::new(&set, grid, Basis::Plain, &mut []);
     let mut token = 0;
-    let place = |interval: &interval_basis::Interval| {
-        let interval_basis::Interval { left, right, tokens, .. } = *interval;
+    let place = |interval: &basis::Interval| {
+        let basis::Interval { left, right, tokens, .. } = *interval;
         token += tokens;
         Interval { left, right, token: token - tokens, tokens, activity: Vec::new() }
     };
-    let mut intervals: Vec<Interval> = basis.intervals().iter().map(place).collect();
+    let mut intervals: Vec<Interval> = cut.intervals().iter().map(place).collect();
     for motion in motions {
-        let measured = measure(&set, motion);
+        let distances = Distances::of(&set, |joint, frame| motion[frame][usize::from(joint)]);
         let mut random = Random::new(0);
-        let found = activities(Activity::Residual, &basis, &set, &measured, tolerance, &mut random);
+        let found = activities(Activity::Residual, &cut, &set, &distances, tolerance, &mut random);
         intervals.iter_mut().zip(found).for_each(|(interval, activity)| interval.activity.push(activity));
     }
     Ok(intervals)
 }
 
-/// Distances of a finished motion from its anchors, as the solver measures them.
-fn measure(set: &AnchorSet, motion: &[Pose]) -> Measured {
-    let mut errors = [0.0; MAX_ANCHORS];
-    for (anchor, error) in set.iter().zip(&mut errors) {
-        let residual = anchor.residual(motion[usize::from(anchor.frame)][usize::from(anchor.joint)]);
-        *error = residual.iter().map(|r| r * r).sum::<f32>().sqrt();
-    }
-    Measured { anchors: errors.iter().map(|e| e * e).sum(), smoothness: 0.0, feasibility: 0.0, errors }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use motionette_host::reference::bridge::reference_anchor;
     use motionette_host::reference::interval_basis as reference;
-    use motionette_host::verify::solvers::reference_anchor;
 
     #[test]
     fn intervals_are_those_of_the_reference_and_activity_is_the_larger_endpoint_error() {

@@ -1,6 +1,7 @@
 //! One request through the runtime in one static buffer, watched: timings, memory, control-error curve.
 
-use motionette::{Anchor, Error, Generator, JOINTS, Model, Motion, Observer, Plan, Progress, Request, Stage};
+use motionette::{Anchor, Error, Generator, JOINTS, Model, Motion, Observer, Plan, Progress, Request, Stage, Stop};
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 /// What the arena is painted with before the run, so that its high-water mark can be read afterwards.
@@ -20,7 +21,7 @@ pub struct Watch {
 }
 
 impl Observer for Watch {
-    fn progress(&mut self, progress: Progress) -> motionette::Flow {
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         (self.report)(&progress);
         let begun = match progress.stage {
             Stage::Reading | Stage::Planning => None,
@@ -31,7 +32,7 @@ impl Observer for Watch {
             begun.get_or_insert_with(Instant::now);
         }
         self.errors.extend(progress.control_error);
-        motionette::Flow::Continue
+        ControlFlow::Continue(())
     }
 
     fn tokens(&mut self, _step: u16, tokens: &[u16]) {
@@ -133,5 +134,5 @@ pub fn through<'r>(
     anchors: &'r [Anchor],
     refinement: Option<motionette::refining::Config>,
 ) -> Request<'r> {
-    Request { anchors, refinement: refinement.filter(|_| !anchors.is_empty()), ..request }
+    Request { refinement: refinement.filter(|_| !anchors.is_empty()), ..request.anchors(anchors) }
 }

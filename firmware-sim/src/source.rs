@@ -7,7 +7,7 @@ use motionette_host::checkpoint::TokenizerCheckpoint;
 use motionette_host::import::bvh;
 use motionette_host::motion::{FEATURES, Pose, features};
 use motionette_host::reference::Tokenizer;
-use motionette_host::verify::runtime_token;
+use motionette_host::reference::bridge::runtime_token;
 use std::path::Path;
 
 /// What the motion comes from.
@@ -52,16 +52,17 @@ pub fn prompt(text: &str) -> Source {
     }
 }
 
-/// The motion of the default job: the default prompt, led to the left of where it goes by itself, with the right hand raised on the way.
+/// The motion of the default job: the default prompt, led to the left of where it goes by itself, with the right hand raised on the way,
+/// by a model of `frame_rate` frames a second.
 ///
 /// # Errors
-/// When the anchors cannot be made (a mistake in the build).
-pub fn default_job() -> anyhow::Result<Source> {
+/// When the anchors cannot be made (a mistake in the build, or a model without frames).
+pub fn default_job(frame_rate: u16) -> anyhow::Result<Source> {
     let anchors = Anchors::new()
         .planar_root_at(2.0, [0.3, 2.2])
         .joint_at(3.5, Joint::RightWrist, [0.3, 1.15, 4.15])
         .root_at(4.95, [1.1, 0.92, 5.4]);
-    Ok(Source { anchors: anchors.as_slice()?.to_vec(), ..prompt(DEFAULT_PROMPT) })
+    Ok(Source { anchors: anchors.by_frame(frame_rate)?.to_vec(), ..prompt(DEFAULT_PROMPT) })
 }
 
 /// A bundled clip.

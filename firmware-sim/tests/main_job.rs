@@ -1,8 +1,8 @@
 //! The main job as a user runs it: results, figures, viewer, and what it says about bad input.
 
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::{self, prior};
-use motionette_host::convert::{self, AlignedBlob, CardText, Options, PriorSource, Rounding};
+use motionette_host::convert::{self, CardText, Options, PriorSource, Rounding};
 use motionette_sim::bundle;
 use serde_json::Value;
 use std::io::{Read, Write};
@@ -36,7 +36,7 @@ fn path(folder: &tempfile::TempDir, name: &str) -> String {
 /// Whether the built-in model's planner sees anchors.
 fn built_in_control() -> bool {
     let blob = BlobFile::new(AlignedBlob::new(bundle::BLOB), Path::new("(built in)")).expect("the built-in model");
-    blob.parts().expect("its manifest").1.control.is_some()
+    blob.parts().expect("its manifest").1.generator.control().is_some()
 }
 
 /// One run of the default job, in a folder that lives as long as the result.

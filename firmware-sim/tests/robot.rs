@@ -10,7 +10,7 @@ use std::path::Path;
 use motionette::motion::Pose;
 use motionette::playback::{Rest, Robot, Start, StartFault, When};
 use motionette::{Generator, Model, Request};
-use motionette_host::convert::AlignedBlob;
+use motionette_host::blob::AlignedBlob;
 use motionette_host::robot_file;
 use motionette_sim::bundle::{self, Bundle};
 use motionette_sim::robot::boots::{self, Series};

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use motionette::Model;
 use motionette::blob::Header;
-use motionette_host::convert::AlignedBlob;
+use motionette_host::blob::AlignedBlob;
 use motionette_host::device::{self, Client, Error, Options};
 use motionette_link::message::{
     Anchor, Command, Event, FlashFault, Generate, Hello, Length, LossAction, Measure, Refusal, Start, State, Status,

@@ -8,16 +8,17 @@ use anyhow::{Result, bail};
 use motionette_host::checkpoint::{self, PriorCheckpoint, prior};
 use motionette_host::convert::prior::{Inputs, dequantised, inputs, quantise};
 use motionette_host::convert::{Options, Rounding, calibration};
+use motionette_host::dataset::captioned::{self, CaptionedMotion};
 use motionette_host::dataset::{Dataset, Split};
 use motionette_host::reference::Prior;
 use motionette_host::reference::tmd::Settings;
-use motionette_host::verify::planner::{self, Case};
+use motionette_host::verify::planner;
 
 /// Clips compared.
 const CLIPS: usize = 60;
 
-fn report(name: &str, cases: &[Case], exact: &Prior<f32>, other: &Prior<f32>) -> Result<()> {
-    let logits = |case: &Case, z: &[u16], time: f64| -> Result<Vec<f32>> {
+fn report(name: &str, cases: &[CaptionedMotion], exact: &Prior<f32>, other: &Prior<f32>) -> Result<()> {
+    let logits = |case: &CaptionedMotion, z: &[u16], time: f64| -> Result<Vec<f32>> {
         Ok(other.logits(&other.guided(&case.words, 1.0), z, time, &[]))
     };
     let a = planner::agreement(cases, exact, logits, || ())?;
@@ -33,11 +34,11 @@ fn main() -> Result<()> {
     let weights = prior::load(Path::new(weights))?;
     let exact = Prior::<f32>::new(&weights, &tokenizer);
     let dataset = Dataset::load(dataset)?;
-    let cases = planner::cases(&tokenizer, &exact, &dataset, Split::Test, CLIPS, false)?;
+    let cases = captioned::choose(&tokenizer, &exact, &dataset, Split::Test, CLIPS, false)?;
     let prior = |weights: &PriorCheckpoint| Prior::<f32>::new(weights, &tokenizer);
     let rounded = dequantised(&weights, &quantise(&weights, None, &Options::PLAIN, &Inputs::new()));
     report("int8, to nearest", &cases, &exact, &prior(&rounded))?;
-    let train = planner::cases(&tokenizer, &exact, &dataset, Split::Train, calibration::CASES, false)?;
+    let train = captioned::choose(&tokenizer, &exact, &dataset, Split::Train, calibration::CASES, false)?;
     let seen = inputs(&weights, &tokenizer, &train);
     for (name, rounding, bias_correction) in [
         ("planner 4-bit, to nearest", Rounding::Nearest, false),
@@ -80,7 +81,7 @@ fn main() -> Result<()> {
     let other = prior(&rounded);
     for (guidance, steps) in [(1.0, 10), (2.0, 10)] {
         let settings = Settings { steps, ..Settings::default() };
-        let tokens = |case: &Case, settings: &Settings| -> Result<Vec<u16>> {
+        let tokens = |case: &CaptionedMotion, settings: &Settings| -> Result<Vec<u16>> {
             Ok(other.generate(&case.words, guidance, case.tokens.len(), settings))
         };
         let share = planner::free_running(&cases, &exact, guidance, &settings, tokens, || ())?;

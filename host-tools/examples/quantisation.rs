@@ -13,7 +13,7 @@ use motionette_host::dataset::{Dataset, Split};
 use motionette_host::motion::Pose;
 use motionette_host::output::write_atomic;
 use motionette_host::parallel;
-use motionette_host::reference::{Quantizer, Road};
+use motionette_host::reference::{DecodePath, Quantizer};
 use motionette_host::verify;
 
 /// Test clips decoded.
@@ -30,8 +30,8 @@ impl Bench {
     fn row(&self, name: &str, wide: usize, options: &Options) -> Result<String> {
         let layers = decoder::quantise(&self.checkpoint.decoder, wide, options, &self.calibration, |_| ());
         let weights = decoder::dequantised(&self.checkpoint.decoder, &layers);
-        let road = Road::<f32>::new(&TokenizerCheckpoint { decoder: weights, ..self.checkpoint.clone() })?;
-        let decoded = parallel::map(&self.tests, |(_, u, _)| road.forward(u).joints);
+        let decode_path = DecodePath::<f32>::new(&TokenizerCheckpoint { decoder: weights, ..self.checkpoint.clone() })?;
+        let decoded = parallel::map(&self.tests, |(_, u, _)| decode_path.forward(u).joints);
         let mut a = Agreement::default();
         for ((id, _, exact), joints) in self.tests.iter().zip(&decoded) {
             a.add(id, joints, exact);
@@ -53,11 +53,11 @@ fn main() -> Result<()> {
     let dataset = Dataset::load(dataset)?;
     let sequences = verify::sequences(&checkpoint, &dataset, Split::Test, CLIPS, convert::MAX_TOKENS)?;
     let quantizer = Quantizer::<f32>::new(&checkpoint.codebooks, checkpoint.config.code_dim);
-    let road = Road::<f32>::new(&checkpoint)?;
+    let decode_path = DecodePath::<f32>::new(&checkpoint)?;
     let tests = sequences.iter().map(|s| -> Result<_> {
         let ids: Vec<i64> = s.tokens.iter().map(|&t| i64::from(t)).collect();
         let u = quantizer.decode(&ids)?;
-        let joints = road.forward(&u).joints;
+        let joints = decode_path.forward(&u).joints;
         Ok((s.id.clone(), u, joints))
     });
     let tests = tests.collect::<Result<Vec<_>>>()?;

@@ -2,12 +2,13 @@
 
 use serde::Serialize;
 
-use crate::blob_file::{BlobFile, Error};
+use crate::blob::{BlobFile, Error, QuantisedConv1d};
+use crate::checkpoint::anchors::Family;
 use crate::checkpoint::prior::Part;
 use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerCheckpoint};
-use crate::convert::QuantisedConv1d;
-use crate::reference::anchors::Family;
-use motionette::blob::{DType, Manifest, Sampler, TransformerConfig};
+use motionette::blob::{
+    Codec, DType, Generator, Guidance, Manifest, Padding, PhraseBank, Representation, TextTable, TransformerConfig,
+};
 
 /// Everything `motionette inspect` shows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -26,10 +27,22 @@ pub struct Inspection {
     pub bytes: usize,
     /// Frames a second.
     pub frame_rate: u16,
+    /// Frames a token.
+    pub frames_per_token: usize,
     /// Longest motion, tokens.
     pub max_tokens: u16,
+    /// Kind of the representation, as `FORMAT.md` calls it.
+    pub representation: &'static str,
+    /// Offset of each of the 22 joints from its parent at rest, metres.
+    pub skeleton: Vec<[f32; 3]>,
+    /// Kind of the codec.
+    pub codec: &'static str,
     /// Configuration of the decoder in words.
     pub decoder: String,
+    /// Rows that each convolution with more than one tap looks back and ahead, in order of execution.
+    pub padding: Vec<[u16; 2]>,
+    /// Kind of the generator.
+    pub generator: &'static str,
     /// Whether it carries a self-test.
     pub self_test: bool,
     /// All tensors.
@@ -64,14 +77,20 @@ pub struct ControlInfo {
 pub struct PriorInfo {
     /// Configuration of the text encoder in words; `None` without one.
     pub text: Option<String>,
+    /// Kind of the text table; `None` without a text encoder.
+    pub table: Option<&'static str>,
     /// Words of the vocabulary in the order of their ids; empty without a text encoder.
     pub vocabulary: Vec<String>,
     /// Longest prompt, words.
     pub max_words: u16,
+    /// Kind of the phrase bank.
+    pub bank_kind: &'static str,
     /// Names of the stored prompts.
     pub bank: Vec<String>,
     /// Configuration of the planner in words; `None` without one.
     pub planner: Option<String>,
+    /// Kind of its guidance; `None` without one.
+    pub guidance: Option<&'static str>,
     /// Linears and tables. Work is that of one text or one pass of the planner at the longest motion and the longest prompt.
     pub layers: Vec<LayerInfo>,
 }
@@ -148,10 +167,10 @@ pub fn inspect(
             bytes: t.bytes,
         })
         .collect();
-    let d = &manifest.decoder;
+    let d = manifest.codec.decoder();
     let layers = blob.layers()?;
     let originals = checkpoint.map(|c| c.decoder.convolutions()).unwrap_or_default();
-    let rows = rows_of_layers(usize::from(manifest.max_tokens), usize::from(d.stages), d.dilations.len());
+    let rows = rows_of_layers(usize::from(manifest.generator.max_tokens()), usize::from(d.stages), d.dilations.len());
     let layers = layers.iter().zip(rows).enumerate().map(|(i, (l, rows))| info(l, rows, originals.get(i).copied()));
     Ok(Inspection {
         name: manifest.card.name.to_owned(),
@@ -160,8 +179,21 @@ pub fn inspect(
         checkpoint: manifest.card.checkpoint.to_owned(),
         version: format!("{}.{}", header.major, header.minor),
         bytes: header.total_len as usize,
-        frame_rate: manifest.frame_rate,
-        max_tokens: manifest.max_tokens,
+        frame_rate: manifest.representation.frame_rate(),
+        frames_per_token: manifest.codec.frames_per_token(),
+        max_tokens: manifest.generator.max_tokens(),
+        representation: match manifest.representation {
+            Representation::HumanMl3d(_) => "humanml3d",
+        },
+        skeleton: manifest.representation.skeleton().offsets().collect(),
+        codec: match manifest.codec {
+            Codec::Vq(_) => "vq",
+        },
+        padding: d.padding.iter().map(|&Padding { left, right }| [left, right]).collect(),
+        generator: match manifest.generator {
+            Generator::Given { .. } => "given",
+            Generator::Tmd(_) => "tmd",
+        },
         decoder: format!(
             "width {}, {} x {} codes of {}, {} stages of dilations {:?}, {} features",
             d.width, d.quantizers, d.codes, d.code_width, d.stages, d.dilations, d.features
@@ -188,24 +220,32 @@ fn prior_info(
     manifest: &Manifest<'_>,
     checkpoint: Option<&PriorCheckpoint>,
 ) -> Result<Option<PriorInfo>, Error> {
-    let (Some(text), planner) = (manifest.text, manifest.planner) else { return Ok(None) };
+    let (Some(text), planner) = (manifest.text, manifest.generator.planner()) else { return Ok(None) };
     let lines = |text: &str| text.lines().map(str::to_owned).collect::<Vec<_>>();
     let parts = checkpoint.map(|prior| [prior.text_parts(), prior.planner_parts()].concat());
     let originals = originals(&parts.unwrap_or_default());
-    let max_tokens = usize::from(manifest.max_tokens);
+    let max_tokens = usize::from(manifest.generator.max_tokens());
     let layers = blob.prior_layers()?;
     let layers = layers.iter().map(|layer| {
         let rows = prior_rows(&layer.name, max_tokens, usize::from(text.max_words));
         info(layer, rows, originals.iter().find(|o| o.name == layer.name))
     });
+    let table = text.encoder.map(|encoder| match encoder.table {
+        TextTable::Words(words) => ("words", lines(words)),
+    });
+    let (bank_kind, bank) = match text.bank {
+        PhraseBank::Prompts(names) => ("prompts", lines(names)),
+    };
     Ok(Some(PriorInfo {
-        text: text.encoder.as_ref().map(words),
-        vocabulary: lines(text.vocabulary),
+        text: text.encoder.as_ref().map(|encoder| words(&encoder.transformer)),
+        table: table.as_ref().map(|(kind, _)| *kind),
+        vocabulary: table.map(|(_, words)| words).unwrap_or_default(),
         max_words: text.max_words,
-        bank: lines(text.bank),
-        planner: planner.map(|p| {
-            let Sampler::Tmd { c, a } = p.sampler;
-            format!("{}, TMD with c = {c}, a = {a}", words(&p.transformer))
+        bank_kind,
+        bank,
+        planner: planner.map(|p| format!("{}, TMD with c = {}, a = {}", words(&p.transformer), p.c, p.a)),
+        guidance: planner.map(|p| match p.guidance {
+            Guidance::TwoPass => "two passes",
         }),
         layers: layers.collect(),
     }))
@@ -216,9 +256,9 @@ fn control_info(
     manifest: &Manifest<'_>,
     checkpoint: Option<&ControlCheckpoint>,
 ) -> Result<Option<ControlInfo>, Error> {
-    let Some(control) = manifest.control else { return Ok(None) };
+    let Some(control) = manifest.generator.control() else { return Ok(None) };
     let originals = originals(&checkpoint.map(ControlCheckpoint::parts).unwrap_or_default());
-    let (max_tokens, frames) = (usize::from(manifest.max_tokens), 1 << manifest.decoder.stages);
+    let (max_tokens, frames) = (usize::from(manifest.generator.max_tokens()), manifest.codec.frames_per_token());
     let layers = blob.control_layers()?;
     let layers = layers.iter().map(|layer| {
         let rows = control_rows(&layer.name, max_tokens, frames);

@@ -9,28 +9,28 @@
 //! | [`parallel`] | work on all cores |
 //! | [`checkpoint`] | tokenizer checkpoints: MoMask, T2M-GPT and our own, from safetensors or torch containers |
 //! | [`mod@reference`] | the plain-loop reference in f32 and f64: encoder, decoder, recovery, gradients, solver |
-//! | [`convert`] | quantisation and the blob |
+//! | [`blob`] | the model blob on the host: written, opened and checked, its table walked, its layers as integers |
+//! | [`convert`] | quantisation: from checkpoints to a blob |
 //! | [`export`] | motions in files that other programs read: BVH, glTF, servo timelines |
 //! | [`servos`] | what a robot's servos make of a motion |
 //! | [`robot_file`] | `robot.toml`: servos, what they follow and what they may do |
 //! | [`anchors_file`] | `anchors.json`: where the motion must pass |
 //! | [`metrics`] | figures of a motion: jerk, foot skating, joint errors, control error |
 //! | [`agreement`] | how far two motions are apart |
-//! | [`blob_file`] | a blob on the host: checked, its table walked, its layers as integers |
 //! | [`inspect`] | what is in a blob |
 //! | [`plan`] | arena, flash and work of a request before anything is flashed |
 //! | [`mod@verify`] | the quantised runtime against the reference |
 //! | [`device`] | a robot at the other end of a line: ports, requests, repetition |
 //! | [`cli`] | the `motionette` command line |
 //!
-//! Nothing here runs on a device and nothing here links the training framework. The reference road shares manifest types with
+//! Nothing here runs on a device and nothing here links the training framework. The reference shares manifest types with
 //! the runtime and no numerical code.
 
 #![deny(unsafe_code)]
 
 pub mod agreement;
 pub mod anchors_file;
-pub mod blob_file;
+pub mod blob;
 pub mod checkpoint;
 pub mod cli;
 pub mod convert;

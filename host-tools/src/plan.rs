@@ -6,12 +6,23 @@ use motionette::playback::line::line_bytes;
 use motionette::playback::robot::MAX_CHANNELS;
 use motionette::playback::{Feeder, Player, Robot};
 use motionette::refining::Config;
-use motionette::{Generator, Limits, Model, MotionStream, Plan, StreamLimits, StreamPlan};
+use motionette::{Generator, Limits, Model, MotionStream, Plan, PlanError, StreamLimits, StreamPlan};
 use motionette::{LEAST_ROWS, MOST_ROWS};
 use serde::Serialize;
 
-use crate::blob_file::{BlobFile, Error};
+use crate::blob::{self, BlobFile};
 use crate::inspect::{layer_macs, rows_of_layers};
+
+/// Why there is no plan.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The blob was refused.
+    #[error(transparent)]
+    Blob(#[from] blob::Error),
+    /// The model makes no such motions.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+}
 
 /// A named number of bytes or multiply-accumulates.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -164,7 +175,7 @@ pub fn plan(
         let anchors = limits.anchors && anchors > 0 && model.control().is_some();
         planning::Limits { words: limits.words.clamp(1, most), anchors, ..limits }
     });
-    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning, rows });
+    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning, rows })?;
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
     let mut arena = vec![
         share("tokens", plan.token_bytes),
@@ -215,15 +226,15 @@ pub fn plan(
         stream: stream(
             &model,
             &StreamLimits { tokens, planning: planning.map(|p| planning::Limits { anchors: false, ..p }), rows },
-        ),
+        )?,
         self_test: format!("{:016x}", model.self_test().hash),
     })
 }
 
-fn stream(model: &Model<'_>, limits: &StreamLimits) -> Stream {
-    let plan = StreamPlan::new(model, limits);
+fn stream(model: &Model<'_>, limits: &StreamLimits) -> Result<Stream, Error> {
+    let plan = StreamPlan::new(model, limits)?;
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
-    Stream {
+    Ok(Stream {
         radius_tokens: plan.radius_tokens,
         latency_frames: plan.latency_frames,
         latency_seconds: plan.latency_frames as f64 / f64::from(model.frame_rate()),
@@ -238,7 +249,7 @@ fn stream(model: &Model<'_>, limits: &StreamLimits) -> Stream {
         object_bytes: size_of::<MotionStream<'_, '_>>(),
         token_macs: plan.token_macs,
         planning_macs: plan.planning_macs,
-    }
+    })
 }
 
 fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
@@ -287,7 +298,7 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
 /// Multiply-accumulates of a forward pass by stage of the decoder ("decoder.model.2", ...).
 fn stages(blob: &BlobFile, tokens: usize) -> Result<Vec<Share>, Error> {
     let (_, manifest, _) = blob.parts()?;
-    let d = &manifest.decoder;
+    let d = manifest.codec.decoder();
     let rows = rows_of_layers(tokens, usize::from(d.stages), d.dilations.len());
     let mut shares: Vec<Share> = Vec::new();
     for (layer, rows) in blob.layers()?.iter().zip(rows) {

@@ -5,7 +5,7 @@ mod common;
 
 use common::bench::{Bench, list, report};
 use common::checkpoints::{self, control_config, control_metadata};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{control, prior};
 use motionette_host::reference::tmd::Settings;
 use motionette_host::reference::{Anchor, Prior, Target};

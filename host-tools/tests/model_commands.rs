@@ -149,7 +149,7 @@ fn a_missed_budget_is_a_failure_with_figures() {
     bench.succeeds("convert rvq.tar -o a.blob");
     // Another model of the same sizes: the same checkpoint with one weight changed a lot.
     let mut file = bytes(&bench.path("a.blob"));
-    let blob = motionette_host::blob_file::BlobFile::open(&bench.path("a.blob")).expect("a good blob");
+    let blob = motionette_host::blob::BlobFile::open(&bench.path("a.blob")).expect("a good blob");
     let (header, _, _) = blob.parts().expect("checked");
     let bias = blob.table().expect("checked").into_iter().find(|t| t.name == "decoder.model.6.bias").expect("a bias");
     let at = header.weights_offset as usize + bias.offset + 4;
@@ -179,7 +179,7 @@ fn bad_input_is_named() {
     let archive = bytes(&bench.path("rvq.tar"));
     std::fs::write(bench.path("cut.tar"), &archive[..archive.len() / 2]).expect("written");
 
-    bench.fails("convert cut.tar -o x.blob", &["cut.tar", "no end record"], "x.blob");
+    bench.fails("convert cut.tar -o x.blob", &["cut.tar", "directory cannot be read"], "x.blob");
     bench.fails("convert missing.tar -o x.blob", &["missing.tar", "No such file"], "x.blob");
     bench.fails("convert rvq.tar --options mean.npy -o x.blob", &["mean.npy"], "x.blob");
     bench.fails("convert rvq.tar --mean opt.txt -o x.blob", &["opt.txt", ".npy"], "x.blob");
@@ -187,7 +187,7 @@ fn bad_input_is_named() {
     bench.fails("convert rvq.tar -o opt.txt/x.blob", &["opt.txt"], "opt.txt/x.blob");
     bench.fails("inspect cut.blob", &["cut.blob", "cut short"], "nothing");
     bench.fails("inspect flipped.blob", &["flipped.blob", "CRC-32"], "nothing");
-    bench.fails("plan future.blob", &["version 9", "understands 3"], "nothing");
+    bench.fails("plan future.blob", &["version 9", "understands 4", "newer firmware"], "nothing");
     bench.fails("plan rvq.tar --model-rs x.rs", &["rvq.tar", "no motionette blob"], "x.rs");
     let wrong = "verify a.blob --checkpoint other.safetensors --dataset two.mds";
     bench.fails(wrong, &["different models", "36", "20"], "nothing");

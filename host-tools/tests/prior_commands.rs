@@ -7,7 +7,7 @@ use std::process::Command;
 
 use common::bench::{Bench, list, report};
 use common::checkpoints::{self, prior_config, prior_metadata};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::prior;
 use motionette_host::reference::Prior;
 use motionette_host::reference::tmd::{Sampling, Schedule, Settings};
@@ -89,12 +89,10 @@ fn four_bits_are_for_the_planners_blocks_in_whole_groups() {
     convert("--planner-bits 8", "eight");
     convert("", "plain");
     let bytes = |blob: &str| std::fs::read(bench.path(&format!("{blob}.blob"))).expect("a blob");
-    assert!(
-        bytes("eight") == bytes("plain") && bytes("plain")[6..8] == [0, 0],
-        "8 bits are the default, of version 3.0"
-    );
+    assert!(bytes("eight") == bytes("plain"), "8 bits are the default");
     assert_eq!(convert("--planner-bits 4 --rounding nearest", "four")["planner_bits"], 4);
-    assert_eq!(bytes("four")[6..8], [1, 0]);
+    // Both of version 4.0.
+    assert_eq!((&bytes("plain")[4..8], &bytes("four")[4..8]), (&[4, 0, 0, 0][..], &[4, 0, 0, 0][..]));
     assert!(bytes("four").len() < bytes("plain").len());
 
     let blob = BlobFile::open(&bench.path("four.blob")).expect("a blob");

@@ -3,7 +3,7 @@
 use motionette_host::checkpoint::{Config, Statistics, Tensor, TensorMap, TokenizerCheckpoint};
 use motionette_host::reference::objective::{Objective, Weights};
 use motionette_host::reference::recover::{self, CHANNELS, JOINTS};
-use motionette_host::reference::{Anchor, Road, Target};
+use motionette_host::reference::{Anchor, DecodePath, Target};
 
 /// Step of the central differences; the error is of the order of its square.
 const STEP: f64 = 1e-5;
@@ -89,7 +89,7 @@ fn recovery_of_joints() {
 #[test]
 fn objective_with_all_terms_through_decoder_and_recovery() {
     let checkpoint = checkpoint();
-    let road = Road::<f64>::new(&checkpoint).expect("statistics");
+    let decode_path = DecodePath::<f64>::new(&checkpoint).expect("statistics");
     let tokens = 9;
     let mut numbers = Numbers(5);
     let origin = numbers.take(tokens * 4, 1.0);
@@ -108,7 +108,7 @@ fn objective_with_all_terms_through_decoder_and_recovery() {
         ("feasibility", Weights { feasibility: 200.0, ..off }),
         ("all", Weights { smoothness: 5.0, trust: 0.1, feasibility: 20.0, max_step: 0.01 }),
     ] {
-        let objective = Objective::new(&road, &anchors, weights, &origin);
+        let objective = Objective::new(&decode_path, &anchors, weights, &origin);
         let (_, pass) = objective.value(&u);
         let gradient = objective.gradient(&u, &pass);
         let largest = gradient.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
@@ -131,7 +131,8 @@ fn objective_with_all_terms_through_decoder_and_recovery() {
 #[test]
 fn single_precision_gradient_agrees_with_double() {
     let checkpoint = checkpoint();
-    let (double, single) = (Road::<f64>::new(&checkpoint).expect("f64"), Road::<f32>::new(&checkpoint).expect("f32"));
+    let (double, single) =
+        (DecodePath::<f64>::new(&checkpoint).expect("f64"), DecodePath::<f32>::new(&checkpoint).expect("f32"));
     let u = Numbers(9).take(9 * 4, 1.0);
     let narrow: Vec<f32> = u.iter().map(|&v| v as f32).collect();
     let anchors = [Anchor { frame: 30, target: Target::Joint { joint: 21, position: [0.4, 1.0, 0.2] } }];

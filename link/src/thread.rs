@@ -1,7 +1,8 @@
 //! What the thread that makes motions does, on a board as in the simulator: it proves the model, then works off the station's tasks.
 
+use core::ops::ControlFlow;
 use motionette::playback::{Feeder, Full, When};
-use motionette::{Error, Flow, Generator, Model, Observer, Progress};
+use motionette::{Error, Generator, Model, Observer, Progress, Stop};
 
 use crate::message::{Event, Failure, Stage, Strain, Understood};
 use crate::station::{Station, Task};
@@ -48,12 +49,12 @@ struct Watch<'d, D> {
 }
 
 impl<D: Desk> Observer for Watch<'_, D> {
-    fn progress(&mut self, progress: Progress) -> Flow {
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         let aborted = self.desk.with(|station| {
             station.progress(progress.stage.into(), progress.evaluation, progress.evaluations);
             station.aborted()
         });
-        if aborted { Flow::Abort } else { Flow::Continue }
+        if aborted { ControlFlow::Break(Stop::Abort) } else { ControlFlow::Continue(()) }
     }
 }
 

@@ -3,12 +3,14 @@
 //!
 //! `cargo run --release -p motionette --example speed -- models/nano.blob`
 
+use std::ops::ControlFlow;
+
 use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
-use motionette::arena::Arena;
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::motion::humanml3d;
 use motionette::planning::{Limits, Session};
 use motionette::{MOST_ROWS, ROWS};
@@ -54,12 +56,12 @@ fn decoder(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
         let mut du = vec![0.0; u.len()];
         let macs = decoder.macs(tokens, &channels, rows);
         let seconds = fastest(|| {
-            let _ = decoder.forward(black_box(&u), &channels, &mut out, &mut work, &mut || Ok(()));
+            let _ = decoder.forward(black_box(&u), &channels, &mut out, &mut work, &mut || ControlFlow::Continue(()));
         });
         report(&format!("decoder forward, {name} channels, {rows} rows at a time"), seconds, macs, &out);
         let seconds = fastest(|| {
-            let _ = decoder.forward(black_box(&u), &channels, &mut out, &mut work, &mut || Ok(()));
-            let _ = decoder.backward(&out, &channels, &mut du, &mut work, &mut || Ok(()));
+            let _ = decoder.forward(black_box(&u), &channels, &mut out, &mut work, &mut || ControlFlow::Continue(()));
+            let _ = decoder.backward(&out, &channels, &mut du, &mut work, &mut || ControlFlow::Continue(()));
         });
         report(
             &format!("decoder forward and gradient, {name} channels, {rows} rows at a time"),
@@ -79,18 +81,17 @@ fn planner(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
     let mut memory = vec![0u128; modules.bytes(tokens, &limits, rows).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens, &limits, rows)?;
-    let _ = session.read(&Prompt::Text(PROMPT), &mut || Ok(()))?;
+    let _ = session.read(&Prompt::Text(PROMPT), &mut || ControlFlow::Continue(()))?;
     let planning = Planning { guidance: 1.0, ..Planning::DEFAULT };
     let mut stream = Stream::new(2);
     let mut ids = vec![0; tokens];
     session.begin(&planning, &mut stream, &mut ids);
     let seconds = fastest(|| {
-        let _ = session.pass(black_box(&ids), 0.5, &planning, &mut || Ok(()));
+        let _ = session.pass(black_box(&ids), 0.5, &planning, &mut || ControlFlow::Continue(()));
     });
     let macs = modules.planner.pass_macs(tokens, 0, limits.words);
     report(&format!("planner pass, {rows} rows at a time"), seconds, macs, session.logits(tokens - 1));
-    let step = session.tmd().step(0.5, 0.6);
-    let seconds = fastest(|| session.advance(&planning, Some(&step), &mut stream, &mut ids));
+    let seconds = fastest(|| session.advance(&planning, Some((0.5, 0.6)), &mut stream, &mut ids));
     let drawn: Vec<f32> = ids.iter().map(|&id| f32::from(id)).collect();
     let macs = tokens as u64 * modules.planner.logits_macs();
     report("logits, proposals, step", seconds, macs, &drawn);

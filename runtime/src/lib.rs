@@ -15,7 +15,9 @@
 //! - [`plan`]: bytes and work of a request before it runs. Knows sizes, never data.
 //! - [`refining`]: the anchor solver. Knows a differentiable [`refining::MotionMap`], not the decoder behind it.
 //! - [`playback`]: motions onto servos: inverse kinematics, fades, limits, outputs. Knows joints and frames, not how they were made.
-//! - [`perception`]: anchors, their validation and their scaffold, prompts and what they say. Knows frames, joints and words.
+//! - [`request`]: joints by name, anchors and their validation. Knows frames and joints, no model.
+//! - [`perception`]: prompts and what they say. Knows words.
+//! - [`conditioning`]: anchors as the planner sees them: their scaffold and its encoder. Knows anchors and networks.
 //! - [`planning`]: prompts and scaffolds to motion tokens: transformer and sampler. Does not know what a token moves.
 //! - [`decoding`]: token embeddings to motion features, whole with the gradient back, or in segments with the same bits. Knows
 //!   nothing of anchors.
@@ -24,7 +26,7 @@
 //! - [`kernels`]: integer inner loops; the portable ones are the specification.
 //! - [`model`]: a blob opened and resolved to its modules. After [`Model::open`] nothing about it can fail.
 //! - [`blob`]: the model file: format, manifest, checked zero-copy views.
-//! - [`arena`]: the one allocator over the caller's bytes.
+//! - [`memory`]: the one allocator over the caller's bytes.
 //!
 //! # Example
 //! ```no_run
@@ -42,7 +44,7 @@
 //! // Seconds and metres: the pelvis half a metre ahead after 1.4 s, the hand up before that.
 //! let anchors =
 //!     Anchors::new().root_at(1.4, [0.1, 0.9, 0.5]).joint_at(0.8, Joint::RightWrist, [-0.3, 1.4, 0.4]);
-//! let motion = generator.generate(&Request::tokens(&tokens).through(anchors.as_slice()?), &mut ())?;
+//! let motion = generator.generate(&Request::tokens(&tokens).through(&anchors), &mut ())?;
 //! // With a planner in the blob: `Request::text("a person waves").frames(100).seed(7)` instead of `tokens`.
 //! for frame in motion.frames() {
 //!     let _wrist = frame[Joint::RightWrist.index()]; // metres, 20 frames a second
@@ -70,14 +72,18 @@ extern crate std;
 #[cfg(target_endian = "big")]
 compile_error!("motionette reads little-endian weights in place; big-endian targets are not supported");
 
+#[macro_use]
+mod invariant;
+
 mod angle;
-pub mod arena;
 pub mod blob;
+pub mod conditioning;
 pub mod decoding;
 pub mod generator;
 pub mod hash;
 pub mod kernels;
 mod log;
+pub mod memory;
 pub mod model;
 pub mod motion;
 pub mod nn;
@@ -86,18 +92,20 @@ pub mod plan;
 pub mod planning;
 pub mod playback;
 pub mod refining;
+pub mod request;
+pub mod stop;
 
 pub use generator::{
-    Error, Flow, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
+    Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
 };
 pub use model::Model;
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
-pub use perception::anchors::{Anchor, Target};
-pub use perception::authoring::Anchors;
-pub use perception::joint::Joint;
 pub use perception::prompt::Prompt;
-pub use plan::{Limits, Plan, ROWS, StreamLimits, StreamPlan};
+pub use plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
 pub use planning::{Fixed, Length, Planning, Sampling, Schedule};
+pub use request::conditions::{Anchor, AnchorList, Anchors, Target};
+pub use request::joint::Joint;
+pub use stop::Stop;
 
 /// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).
 pub const JOINTS: usize = 22;

@@ -1,21 +1,23 @@
 //! What a request will need, known before it runs: arena bytes by purpose, and multiply-accumulates.
 
-use crate::JOINTS;
-use crate::arena::bytes_of;
 use crate::decoding::stream::CHUNK;
+use crate::generator::buffers::{self, Decoding};
+use crate::generator::stream;
+use crate::memory::Arena;
 use crate::model::Model;
-use crate::motion::humanml3d::{POSITION_CHANNELS, ROOT_CHANNELS, channels};
-use crate::motion::rotations;
-use crate::nn::output::Output;
+use crate::motion::humanml3d::channels;
 use crate::planning;
+use crate::planning::request::MAX_STEPS;
+use crate::planning::session::Modules;
 use crate::refining::{self, Config};
+use crate::request::conditions::MAX_ANCHORS;
 
 /// The largest request that is to be served.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// Tokens (4 frames each).
     pub tokens: usize,
-    /// Anchors; 0 = no refinement.
+    /// Distinct anchors; 0 = no refinement.
     pub anchors: usize,
     /// Refinement.
     pub refinement: Config,
@@ -75,76 +77,59 @@ pub struct Plan {
     pub latency_frames: usize,
 }
 
-/// Feature channels that the solver may have to decode for so many anchors.
-pub(crate) const fn solver_channels(anchors: usize) -> usize {
-    let joints = if anchors < JOINTS - 1 { anchors } else { JOINTS - 1 };
-    ROOT_CHANNELS + 3 * joints
-}
-
-/// Elements of the buffer for features and their gradient, `frames` times this many.
-pub(crate) const fn feature_columns(anchors: usize) -> usize {
-    let solver = if anchors == 0 { 0 } else { 2 * solver_channels(anchors) };
-    if solver > POSITION_CHANNELS { solver } else { POSITION_CHANNELS }
-}
-
-/// Numbers of a frame that rotations are computed from: none if the model's last layer has no such channels.
-pub(crate) fn rotation_columns(output: &Output<'_>) -> usize {
-    if output.outputs() < rotations::FIRST + rotations::CHANNELS { 0 } else { output.inputs() }
-}
-
 impl Plan {
     /// The plan for requests inside `limits`.
-    #[must_use]
-    pub fn for_request(model: &Model<'_>, limits: &Limits) -> Plan {
+    ///
+    /// # Errors
+    /// [`PlanError`] when the model makes no such motions.
+    // Its own frame: what is measured is not to lie on the stack while motions are made.
+    #[inline(never)]
+    pub fn for_request(model: &Model<'_>, limits: &Limits) -> Result<Plan, PlanError> {
+        limits.check(model)?;
         let decoder = model.decoder();
-        let tokens = limits.tokens;
-        let frames = tokens * decoder.upsampling();
-        let gate_bytes = decoder.gate_bytes(tokens);
-        let decoder_bytes = decoder.workspace_bytes(tokens, POSITION_CHANNELS, limits.rows) - gate_bytes;
-        let columns = rotation_columns(decoder.output());
-        let rotation_bytes = bytes_of::<i16>(frames * columns) + bytes_of::<f32>(if columns > 0 { frames } else { 0 });
-        let feature_bytes = bytes_of::<f32>(frames * feature_columns(limits.anchors));
-        let path_bytes = 7 * bytes_of::<f32>(frames);
-        let embedding_bytes = bytes_of::<f32>(tokens * decoder.code_width());
-        let (mut solver_bytes, mut steps) = (0, 0);
-        if limits.anchors > 0 {
-            let scratch = refining::scratch_len(tokens, decoder.code_width(), limits.anchors, &limits.refinement);
-            solver_bytes = bytes_of::<f32>(scratch);
-            steps = u32::from(limits.refinement.evaluations);
+        let token_bytes = Arena::measure(|arena| buffers::tokens(model, limits, arena));
+        let solver_bytes = Arena::measure(|arena| buffers::solver(model, limits, arena));
+        let rotation_bytes = Arena::measure(|arena| buffers::rotation_rows(model, limits, arena));
+        let (mut decoding, mut arena) = (buffers::Bytes::default(), Arena::measuring());
+        if let Ok(taken) = Decoding::take(model, limits, &mut arena) {
+            decoding = taken.bytes;
         }
-        let token_bytes = bytes_of::<u16>(tokens * model.codebooks().quantizers());
         let (mut planning, mut planning_macs) = (planning::Bytes::default(), 0);
         if let (Some(planned), Some(modules)) = (&limits.planning, model.planning()) {
-            planning = modules.bytes(tokens, planned, limits.rows);
-            planning_macs = modules.macs(tokens, planned);
+            planning = modules.bytes(limits.tokens, planned, limits.rows);
+            planning_macs = modules.macs(limits.tokens, planned);
         }
-        let refining = if solver_bytes > rotation_bytes { solver_bytes } else { rotation_bytes };
-        let rest = gate_bytes + decoder_bytes + feature_bytes + path_bytes + embedding_bytes + refining;
-        let whole = decoder.macs(tokens, &channels(u32::MAX), limits.rows);
-        // The most expensive choice of joints: as many as there are anchors, from the first on.
-        let mask = (1u64 << (1 + if limits.anchors < JOINTS { limits.anchors } else { JOINTS })) - 1;
-        let partial = decoder.macs(tokens, &channels(mask as u32), limits.rows);
+        let behind =
+            arena.used().saturating_add(if solver_bytes > rotation_bytes { solver_bytes } else { rotation_bytes });
+        let most = if planning.all() > behind { planning.all() } else { behind };
+        let arena_bytes = token_bytes.saturating_add(most);
+        if arena_bytes == usize::MAX {
+            return Err(PlanError::TooLarge);
+        }
+        let steps = if limits.anchors > 0 { u32::from(limits.refinement.evaluations) } else { 0 };
+        // The most expensive choice of joints: as many as the objective may read, from the first on.
+        let mask = (1u64 << (1 + refining::most_joints(limits.anchors))) - 1;
         let plan = Plan {
-            arena_bytes: token_bytes + if planning.all() > rest { planning.all() } else { rest },
+            arena_bytes,
             token_bytes,
             planning,
-            gate_bytes,
-            decoder_bytes,
-            feature_bytes,
-            path_bytes,
-            embedding_bytes,
+            gate_bytes: decoding.gates,
+            decoder_bytes: decoding.decoder,
+            feature_bytes: decoding.features,
+            path_bytes: decoding.path,
+            embedding_bytes: decoding.embeddings,
             solver_bytes,
             rotation_bytes,
             evaluations: steps + 1,
             gradients: steps,
             planning_macs,
-            decoding_macs: whole,
-            evaluation_macs: partial,
+            decoding_macs: decoder.macs(limits.tokens, &channels(u32::MAX), limits.rows),
+            evaluation_macs: decoder.macs(limits.tokens, &channels(mask as u32), limits.rows),
             macs: 0,
             radius_tokens: decoder.radius_tokens(),
             latency_frames: decoder.radius_frames(),
         };
-        Plan { macs: plan.macs_of(steps, steps), ..plan }
+        Ok(Plan { macs: plan.macs_of(steps, steps), ..plan })
     }
 
     /// Multiply-accumulates at most of a request whose solver makes so many evaluations and gradients, as its
@@ -199,33 +184,127 @@ pub struct StreamPlan {
 
 impl StreamPlan {
     /// The plan for streams inside `limits`.
-    #[must_use]
-    pub fn new(model: &Model<'_>, limits: &StreamLimits) -> StreamPlan {
+    ///
+    /// # Errors
+    /// [`PlanError`] when the model makes no such streams.
+    #[inline(never)]
+    pub fn new(model: &Model<'_>, limits: &StreamLimits) -> Result<StreamPlan, PlanError> {
+        check_tokens(model, limits.tokens)?;
         let decoder = model.decoder();
-        let frames = CHUNK * model.frames_per_token();
+        let (mut token_bytes, mut path_bytes, mut arena) = (0, 0, Arena::measuring());
+        if let Ok(taken) = stream::Buffers::take(model, limits, &mut arena) {
+            (token_bytes, path_bytes) = (taken.token_bytes, taken.path_bytes);
+        }
         let state_bytes = decoder.tail_bytes();
-        let decoder_bytes = decoder.stream_bytes(POSITION_CHANNELS).saturating_sub(state_bytes);
-        let path_bytes = 4 * bytes_of::<f32>(frames);
-        let token_bytes = bytes_of::<u16>(limits.tokens * model.codebooks().quantizers());
+        let decoder_bytes = arena.used() - token_bytes - path_bytes - state_bytes;
         let (mut planning_bytes, mut planning_macs) = (0, 0);
-        if let (Some(planning), Some(modules)) = (&limits.planning, model.planning()) {
-            planning_bytes = bytes_of::<u16>(limits.tokens) + modules.bytes(limits.tokens, planning, limits.rows).all();
+        if let Some(planning) = &limits.planning {
+            let modules = check_planning(model, planning)?;
+            planning_bytes = stream::planning_bytes(&modules, limits.tokens, limits.tokens, planning, limits.rows);
             planning_macs = modules.macs(limits.tokens, planning);
         }
+        let arena_bytes = arena.used().saturating_add(planning_bytes);
+        if arena_bytes == usize::MAX {
+            return Err(PlanError::TooLarge);
+        }
         let token_macs = decoder.stream_macs(CHUNK, &channels(u32::MAX));
-        StreamPlan {
-            arena_bytes: state_bytes + decoder_bytes + path_bytes + token_bytes + planning_bytes,
+        Ok(StreamPlan {
+            arena_bytes,
             state_bytes,
             decoder_bytes,
             path_bytes,
             token_bytes,
             planning_bytes,
-            frames,
+            frames: CHUNK * model.frames_per_token(),
             radius_tokens: decoder.radius_tokens(),
             latency_frames: decoder.radius_frames(),
             planning_macs,
             frames_macs: CHUNK as u64 * token_macs,
             token_macs,
+        })
+    }
+}
+
+/// Why there is no plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum PlanError {
+    /// A motion needs at least one token and at most `limit`.
+    Tokens {
+        /// Tokens of the limits.
+        found: usize,
+        /// Most tokens that the model allows.
+        limit: usize,
+    },
+    /// More anchors than a request may have.
+    Anchors {
+        /// Anchors of the limits.
+        found: usize,
+        /// Most of them.
+        limit: usize,
+    },
+    /// A prompt needs at least one word and at most `limit`.
+    Words {
+        /// Words of the limits.
+        found: usize,
+        /// Most words that the model reads.
+        limit: usize,
+    },
+    /// A sampler needs at least one step and at most `limit`.
+    Steps {
+        /// Steps of the limits.
+        found: u16,
+        /// Most of them.
+        limit: u16,
+    },
+    /// Tokens are to be planned by a model without a planner.
+    NoPlanner,
+    /// More bytes than this machine has addresses.
+    TooLarge,
+}
+
+impl core::fmt::Display for PlanError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            PlanError::Tokens { found, limit } => write!(f, "a plan for {found} tokens: the model makes 1 to {limit}"),
+            PlanError::Anchors { found, limit } => {
+                write!(f, "a plan for {found} anchors: a request has at most {limit}")
+            }
+            PlanError::Words { found, limit } => write!(f, "a plan for {found} words: the model reads 1 to {limit}"),
+            PlanError::Steps { found, limit } => write!(f, "a plan for {found} steps: a sampler takes 1 to {limit}"),
+            PlanError::NoPlanner => write!(f, "the model has no planner: it cannot make tokens from text"),
+            PlanError::TooLarge => write!(f, "the plan needs more bytes than this machine can address"),
         }
+    }
+}
+
+impl core::error::Error for PlanError {}
+
+fn check_tokens(model: &Model<'_>, found: usize) -> Result<(), PlanError> {
+    let limit = model.max_tokens();
+    if found == 0 || found > limit { Err(PlanError::Tokens { found, limit }) } else { Ok(()) }
+}
+
+fn check_planning<'m, 'b>(model: &'m Model<'b>, planning: &planning::Limits) -> Result<Modules<'m, 'b>, PlanError> {
+    let modules = model.planning().ok_or(PlanError::NoPlanner)?;
+    let (words, steps) = (planning.words, planning.steps);
+    let limit = modules.text.max_words();
+    if words == 0 || words > limit {
+        return Err(PlanError::Words { found: words, limit });
+    }
+    if steps == 0 || steps > MAX_STEPS {
+        return Err(PlanError::Steps { found: steps, limit: MAX_STEPS });
+    }
+    Ok(modules)
+}
+
+impl Limits {
+    fn check(&self, model: &Model<'_>) -> Result<(), PlanError> {
+        check_tokens(model, self.tokens)?;
+        if self.anchors > MAX_ANCHORS {
+            return Err(PlanError::Anchors { found: self.anchors, limit: MAX_ANCHORS });
+        }
+        self.planning.as_ref().map_or(Ok(()), |planning| check_planning(model, planning).map(|_| ()))
     }
 }

@@ -1,6 +1,6 @@
 //! Validation of anchors: every kind of bad list, order, duplicates, conflicts.
 
-use motionette::perception::anchors::{Anchor, AnchorError, AnchorSet, FARTHEST, Family, MAX_ANCHORS};
+use motionette::request::conditions::{Anchor, AnchorError, AnchorSet, FARTHEST, Family, MAX_ANCHORS};
 
 const FRAMES: usize = 100;
 
@@ -72,6 +72,34 @@ fn duplicates_count_once() {
 
     let many = vec![wrist; 10_000];
     assert_eq!(set(&many).unwrap().len(), 1);
+}
+
+#[test]
+fn the_family_of_one_place_does_not_depend_on_the_order() {
+    let (planar, joint, root) = (
+        Anchor::planar_root(10, [0.5, 0.25]),
+        Anchor::joint(10, 0, [0.5, 0.9, 0.25]),
+        Anchor::root(10, [0.5, 0.9, 0.25]),
+    );
+    let family = |list: &[Anchor]| {
+        let set = set(list).unwrap();
+        assert_eq!(set.len(), 1);
+        set.iter().map(|a| (a.family, a.target)).next().unwrap()
+    };
+    let (body, space) = ((Family::BodyPoint, [0.5, 0.9, 0.25]), (Family::Root3d, [0.5, 0.9, 0.25]));
+    for (list, expected) in
+        [([joint, root, root], space), ([planar, root, planar], space), ([planar, joint, joint], body)]
+    {
+        let mut order = list;
+        for swap in [[0, 1], [1, 2], [0, 1], [1, 2], [0, 1], [1, 2]] {
+            let [a, b] = swap;
+            order.swap(a, b);
+            assert_eq!(family(&order), expected, "{order:?}");
+        }
+    }
+    for order in [[planar, joint, root], [root, joint, planar], [joint, planar, root], [joint, root, planar]] {
+        assert_eq!(family(&order), space);
+    }
 }
 
 #[test]

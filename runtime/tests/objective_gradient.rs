@@ -4,14 +4,14 @@
 mod mock;
 
 use mock::{JOINTS, Mock, Random};
-use motionette::perception::anchors::{Anchor, Target};
-use motionette::refining::objective::Objective;
-use motionette::refining::{Config, MotionMap};
+use motionette::refining::terms::anchors::Distances;
+use motionette::refining::{Config, MotionMap, Objective};
+use motionette::request::conditions::{Anchor, Target};
 
 /// `J` without the trust region from the definition (AnchorRoute eq. 26-28).
 fn oracle(mock: &mut Mock, u: &[f64], anchors: &[Anchor], config: &Config) -> f64 {
     mock.decode(u);
-    let frames = 4 * mock.tokens;
+    let frames = mock.frames();
     let at = |joint: usize, frame: usize| mock.joints[frame * JOINTS + joint];
     let mut total = 0.0;
     // Controlled trajectories: joint and whether its height is controlled.
@@ -83,12 +83,11 @@ fn value_and_gradient_match_the_definition() {
         let set = mock.set(&anchors);
         for config in weights() {
             let objective = Objective::new(&set, &config);
-            mock.forward(&start).unwrap();
-            let measured = objective.measure(&mock);
-            let value = f64::from(objective.weighted(&measured));
-            objective.gather(&mut mock);
+            assert!(mock.forward(&start).is_continue());
+            let value = f64::from(objective.measure(&mock, 0.0, None).objective);
+            objective.gather(&mut mock, None);
             let mut gradient = vec![0.0; start.len()];
-            mock.backward(&mut gradient).unwrap();
+            assert!(mock.backward(&mut gradient).is_continue());
 
             let expected = oracle(&mut mock, &wide, &anchors, &config);
             assert!((value - expected).abs() < 1e-5 * expected, "{value} {expected}");
@@ -114,15 +113,9 @@ fn every_term_moves_the_value() {
     let mut mock = Mock::new(2, 7, 5);
     let start = mock.embeddings(4);
     let set = mock.set(&cases()[3]);
-    mock.forward(&start).unwrap();
-    let values: Vec<f32> = weights()
-        .iter()
-        .map(|config| {
-            let objective = Objective::new(&set, config);
-            let measured = objective.measure(&mock);
-            objective.weighted(&measured)
-        })
-        .collect();
+    assert!(mock.forward(&start).is_continue());
+    let values: Vec<f32> =
+        weights().iter().map(|config| Objective::new(&set, config).measure(&mock, 0.0, None).objective).collect();
     assert!(values[1] > 1.01 * values[0] && values[2] > 1.01 * values[0], "{values:?}");
 }
 
@@ -130,7 +123,7 @@ fn every_term_moves_the_value() {
 fn errors_are_distances_in_the_controlled_subspace() {
     let mut mock = Mock::new(2, 7, 5);
     let start = mock.embeddings(4);
-    mock.forward(&start).unwrap();
+    assert!(mock.forward(&start).is_continue());
     let [x, y, z] = mock.position(0, 12);
     let [wx, wy, wz] = mock.position(20, 5);
     let anchors = [
@@ -140,8 +133,7 @@ fn errors_are_distances_in_the_controlled_subspace() {
     ];
     assert!(y > 0.0, "height is not zero, so a planar error that counted it would show");
     let set = mock.set(&anchors);
-    let measured = Objective::new(&set, &Config::default()).measure(&mock);
-    let error = measured.control_error(&set);
+    let error = Distances::of(&set, |joint, frame| mock.position(joint, frame)).control_error(&set);
     assert!((error.mean - (0.05 + 0.12) / 3.0).abs() < 1e-6, "{error:?}");
     assert!((error.worst - 0.12).abs() < 1e-6);
     assert_eq!(error.worst_anchor, 1);

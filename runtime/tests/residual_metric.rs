@@ -3,25 +3,26 @@
 mod mock;
 
 use mock::{Mock, Random};
-use motionette::perception::anchors::{Anchor, AnchorSet, Family};
-use motionette::refining::residual_metric::{Prior, ResidualMetric, Residuals, factor_len};
-use motionette::refining::{Config, MotionMap, Prior as Exported, scratch_len, solve};
+use motionette::refining::metric::{Prior, ResidualMetric, Residuals, factor_len};
+use motionette::refining::{Config, MotionMap, Objective, Prior as Exported, scratch_len, solve};
+use motionette::request::conditions::{Anchor, AnchorSet, Family};
 
-const PRIOR: Prior = Prior { root: 1.3, yaw: 0.7, body: 0.9, height: 0.2, range: 5.0, floor: 0.02 };
+const PRIOR: Prior = Prior { root: 1.3, yaw: 0.7, body: 0.9, height: 0.2, range: 1.25, floor: 0.02 };
 
 /// Covariance of the residuals `[3 K][3 K]` from the definition; rows of heights that do not count are zero.
 fn covariance(set: &AnchorSet, mock: &Mock) -> Vec<Vec<f64>> {
     let at = |joint: usize, frame: usize| mock.joints[frame * mock::JOINTS + joint];
     let list: Vec<_> = set.iter().copied().collect();
+    let each = mock.frames_per_token as f64;
     let root = |family: Family, joint: u8| family != Family::BodyPoint || joint == 0;
     let mut a = vec![vec![0.0; 3 * list.len()]; 3 * list.len()];
     for (n, p) in list.iter().enumerate() {
         for (m, q) in list.iter().enumerate() {
             let until = usize::from(p.frame.min(q.frame));
-            let local = (-(f64::from(p.frame) - f64::from(q.frame)).abs() / f64::from(PRIOR.range)).exp();
+            let local = (-(f64::from(p.frame) - f64::from(q.frame)).abs() / each / f64::from(PRIOR.range)).exp();
             let same = p.joint == q.joint;
             for axis in [0, 2] {
-                a[3 * n + axis][3 * m + axis] += f64::from(PRIOR.root) * until as f64 / 100.0;
+                a[3 * n + axis][3 * m + axis] += f64::from(PRIOR.root) * until as f64 / each / 25.0;
                 if same && !root(p.family, p.joint) {
                     a[3 * n + axis][3 * m + axis] += f64::from(PRIOR.body) * local;
                 }
@@ -31,7 +32,7 @@ fn covariance(set: &AnchorSet, mock: &Mock) -> Vec<Vec<f64>> {
                 a[3 * n + 1][3 * m + 1] += f64::from(strength) * local;
             }
             // A turn by a small angle at frame s moves a point p by (p_z - c_z, c_x - p_x) times the angle.
-            for s in (2..until).step_by(4) {
+            for s in (mock.frames_per_token / 2..until).step_by(mock.frames_per_token) {
                 let lever = |joint: u8, frame: u16| {
                     let (p, c) = (at(usize::from(joint), usize::from(frame)), at(0, s));
                     [p[2] - c[2], c[0] - p[0]]
@@ -39,7 +40,7 @@ fn covariance(set: &AnchorSet, mock: &Mock) -> Vec<Vec<f64>> {
                 let (u, v) = (lever(p.joint, p.frame), lever(q.joint, q.frame));
                 for i in 0..2 {
                     for j in 0..2 {
-                        a[3 * n + 2 * i][3 * m + 2 * j] += f64::from(PRIOR.yaw) * 0.04 * u[i] * v[j];
+                        a[3 * n + 2 * i][3 * m + 2 * j] += f64::from(PRIOR.yaw) / 25.0 * u[i] * v[j];
                     }
                 }
             }
@@ -86,9 +87,11 @@ fn places(seed: u64, count: usize, frames: usize) -> Vec<Anchor> {
 
 #[test]
 fn applies_the_inverse_covariance() {
-    for count in [1, 2, 5, 9, 32] {
-        let mut mock = Mock::new(5, 20, 6);
-        mock.forward(&mock.embeddings(3)).unwrap();
+    for (count, tokens, frames_per_token) in
+        [(1, 20, 4), (2, 20, 4), (5, 20, 4), (9, 20, 4), (32, 20, 4), (7, 40, 2), (7, 10, 8)]
+    {
+        let mut mock = Mock::with_frames_per_token(5, tokens, 6, frames_per_token);
+        assert!(mock.forward(&mock.embeddings(3)).is_continue());
         let set = mock.set(&places(count as u64, count, 80));
         let mut numbers = vec![f32::NAN; factor_len(count)];
         let metric = ResidualMetric::new(&set, &mock, &PRIOR, &mut numbers).expect("positive definite");
@@ -114,10 +117,21 @@ fn applies_the_inverse_covariance() {
     }
 }
 
+/// What is paid once a request: each position costs a decoded joint.
+#[test]
+fn the_metric_asks_for_a_position_an_anchor_and_one_a_token() {
+    let mut mock = Mock::new(5, 49, 6);
+    assert!(mock.forward(&mock.embeddings(3)).is_continue());
+    let set = mock.set(&places(1, 32, 196));
+    mock.asked.set(0);
+    ResidualMetric::new(&set, &mock, &PRIOR, &mut vec![0.0; factor_len(32)]).expect("positive definite");
+    assert!(mock.asked.get() <= 32 + 49, "{} positions", mock.asked.get());
+}
+
 #[test]
 fn a_prior_without_variance_is_no_metric() {
     let mut mock = Mock::new(5, 20, 6);
-    mock.forward(&mock.embeddings(3)).unwrap();
+    assert!(mock.forward(&mock.embeddings(3)).is_continue());
     let set = mock.set(&places(1, 4, 80));
     let nothing = Prior { root: 0.0, yaw: 0.0, body: 0.0, height: 0.0, ..PRIOR };
     let wrong = Prior { root: f32::NAN, ..PRIOR };
@@ -131,7 +145,7 @@ fn a_prior_without_variance_is_no_metric() {
         let (mut u, anchors) = mock.problem(2, &[(30, None), (60, Some(20))], false);
         let set = mock.set(&anchors);
         let mut scratch = vec![0.0; scratch_len(20, 6, set.len(), &config)];
-        let report = solve(&mut mock, &mut u, &set, &config, &mut scratch).unwrap();
+        let report = solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
         assert!(report.objective_after < 0.2 * report.objective_before);
     }
 }
@@ -147,7 +161,7 @@ fn root_anchors_need_fewer_evaluations_under_the_metric() {
             let set = mock.set(&anchors);
             let config = Config { prior, stop_error: 0.01, ..Config::fast(100) };
             let mut scratch = vec![0.0; scratch_len(25, 16, set.len(), &config)];
-            let report = solve(&mut mock, &mut u, &set, &config, &mut scratch).unwrap();
+            let report = solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
             *total += u32::from(report.evaluations);
         }
     }

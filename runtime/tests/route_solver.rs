@@ -5,16 +5,21 @@
 mod mock;
 
 use mock::{Mock, Random};
-use motionette::perception::anchors::{Anchor, AnchorSet};
 use motionette::refining::activity::{Random as Shuffler, activities};
-use motionette::refining::interval_basis::{IntervalBasis, MAX_INTERVALS, values_len};
-use motionette::refining::objective::Objective;
+use motionette::refining::basis::{IntervalBasis, MAX_INTERVALS, values_len};
+use motionette::refining::terms::Point;
+use motionette::refining::terms::anchors::Distances;
+use motionette::refining::terms::feasibility::Feasibility;
+use motionette::refining::terms::smoothness::Smoothness;
 use motionette::refining::{
-    Activity, Basis, Config, MotionMap, PerFamily, Report, SolverError, StopReason, scratch_len, solve,
+    Activity, Basis, Config, MotionMap, Objective, PerFamily, Report, SolverError, StopReason, TokenGrid, scratch_len,
+    solve,
 };
+use motionette::request::conditions::{Anchor, AnchorSet};
 
 const TOKENS: usize = 25;
 const WIDTH: usize = 16;
+const GRID: TokenGrid = TokenGrid { tokens: TOKENS, frames_per_token: 4 };
 
 /// Places of anchors spread over the motion: root, planar root, body points, or a mixture with several at one frame.
 fn places(kind: usize, count: usize, seed: u64) -> (Vec<(u16, Option<u8>)>, bool) {
@@ -42,9 +47,13 @@ fn problem(kind: usize, count: usize, seed: u64) -> (Mock, Vec<f32>, AnchorSet) 
     (mock, u, set)
 }
 
+fn distances_of(mock: &Mock, set: &AnchorSet) -> Distances {
+    Distances::of(set, |joint, frame| mock.position(joint, frame))
+}
+
 fn run(mock: &mut Mock, u: &mut [f32], set: &AnchorSet, config: &Config) -> Report {
     let mut scratch = vec![f32::NAN; scratch_len(mock.tokens, mock.width, set.len(), config)];
-    solve(mock, u, set, config, &mut scratch).expect("solves")
+    solve(mock, u, &Objective::new(set, config), config, &mut scratch).expect("solves")
 }
 
 /// Mean control error before and after over some problems, metres.
@@ -105,18 +114,17 @@ fn the_report_describes_the_result() {
         let objective = Objective::new(&set, &config);
         let mut lowest = f32::INFINITY;
         for seen in mock.seen.clone() {
-            mock.forward(&seen).unwrap();
+            assert!(mock.forward(&seen).is_continue());
             let squared: f32 = seen.iter().zip(&start).map(|(a, b)| (a - b) * (a - b)).sum();
-            lowest = lowest.min(objective.weighted(&objective.measure(&mock)) + config.trust * squared);
+            lowest = lowest.min(objective.measure(&mock, squared, None).objective);
         }
-        mock.forward(&u).unwrap();
-        let measured = objective.measure(&mock);
-        let value = objective.weighted(&measured) + config.trust * squared;
+        assert!(mock.forward(&u).is_continue());
+        let Point { objective: value, distances, .. } = objective.measure(&mock, squared, None);
         assert!((value - lowest).abs() <= 1e-5 * lowest, "{value} {lowest}");
         assert!((report.objective_after - lowest).abs() <= 1e-5 * lowest);
-        assert_eq!(report.after, Some(measured.control_error(&set)));
-        mock.forward(&start).unwrap();
-        assert_eq!(report.before, Some(objective.measure(&mock).control_error(&set)));
+        assert_eq!(report.after, Some(distances.control_error(&set)));
+        assert!(mock.forward(&start).is_continue());
+        assert_eq!(report.before, Some(distances_of(&mock, &set).control_error(&set)));
     }
 }
 
@@ -125,18 +133,17 @@ fn one_published_step_is_the_projected_adam_step() {
     // After one step Adam moves every number by rate * g / (|g| + eps); then the projection.
     let config = Config { trust: 0.0, smoothness: 0.0, ..Config::published(1) };
     let (mut mock, start, set) = problem(0, 4, 2);
-    mock.forward(&start).unwrap();
-    let objective = Objective::new(&set, &config);
-    let measured = objective.measure(&mock);
-    objective.gather(&mut mock);
+    assert!(mock.forward(&start).is_continue());
+    let distances = distances_of(&mock, &set);
+    Objective::new(&set, &config).gather(&mut mock, None);
     let mut delta = vec![0.0; start.len()];
-    mock.backward(&mut delta).unwrap();
+    assert!(mock.backward(&mut delta).is_continue());
     for g in &mut delta {
         *g = -config.learning_rate.root_3d * *g / (g.abs() + 1e-8);
     }
     let mut values = vec![0.0; values_len(TOKENS, Basis::Affine)];
-    let basis = IntervalBasis::new(&set, 4 * TOKENS, TOKENS, Basis::Affine, &mut values);
-    let activity = activities(Activity::Residual, &basis, &set, &measured, &config.tolerance, &mut Shuffler::new(0));
+    let basis = IntervalBasis::new(&set, GRID, Basis::Affine, &mut values);
+    let activity = activities(Activity::Residual, &basis, &set, &distances, &config.tolerance, &mut Shuffler::new(0));
     basis.project(&mut delta, WIDTH, &activity, config.ridge);
 
     let mut u = start.clone();
@@ -158,7 +165,7 @@ fn corrections_stay_in_the_span_of_the_basis() {
         let moved: Vec<f32> = u.iter().zip(&start).map(|(a, b)| a - b).collect();
         let shape = if basis == Basis::Plain { Basis::Affine } else { basis };
         let mut values = vec![0.0; values_len(TOKENS, shape)];
-        let routed = IntervalBasis::new(&set, 4 * TOKENS, TOKENS, shape, &mut values);
+        let routed = IntervalBasis::new(&set, GRID, shape, &mut values);
         let mut projected = moved.clone();
         routed.project(&mut projected, WIDTH, &[1.0; MAX_INTERVALS], 0.0);
         let off = moved.iter().zip(&projected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -180,19 +187,19 @@ fn ablations_rank_by_freedom() {
 #[test]
 fn activity_kinds_do_what_they_say() {
     let (mut mock, u, set) = problem(2, 8, 4);
-    mock.forward(&u).unwrap();
-    let measured = Objective::new(&set, &Config::default()).measure(&mock);
+    assert!(mock.forward(&u).is_continue());
+    let distances = distances_of(&mock, &set);
     let mut values = vec![0.0; values_len(TOKENS, Basis::Affine)];
-    let basis = IntervalBasis::new(&set, 4 * TOKENS, TOKENS, Basis::Affine, &mut values);
+    let basis = IntervalBasis::new(&set, GRID, Basis::Affine, &mut values);
     let count = basis.intervals().len();
     let rho = 2.0;
     let mut random = Shuffler::new(5);
-    let mut get = |kind| activities(kind, &basis, &set, &measured, &PerFamily::all(rho), &mut random);
+    let mut get = |kind| activities(kind, &basis, &set, &distances, &PerFamily::all(rho), &mut random);
 
     let residual = get(Activity::Residual);
     for (interval, &activity) in basis.intervals().iter().zip(&residual) {
         let error_at = |frame: u16| {
-            let here = set.iter().zip(measured.errors).filter(|(anchor, _)| anchor.frame == frame);
+            let here = set.iter().zip(distances.errors).filter(|(anchor, _)| anchor.frame == frame);
             here.map(|(_, error)| error).fold(0.0, f32::max)
         };
         let expected = (error_at(interval.left).max(error_at(interval.right)) / rho).min(1.0);
@@ -213,7 +220,7 @@ fn activity_kinds_do_what_they_say() {
 
     // Another family's tolerance counts for that family only.
     let tight = PerFamily { root_3d: 1e-6, planar_root: 1e-6, body_point: rho };
-    assert_eq!(activities(Activity::Residual, &basis, &set, &measured, &tight, &mut random), residual);
+    assert_eq!(activities(Activity::Residual, &basis, &set, &distances, &tight, &mut random), residual);
 }
 
 #[test]
@@ -239,19 +246,18 @@ fn terms_trade_control_for_quality() {
     let solve_with = |config: Config| {
         let (mut mock, mut u, set) = problem(0, 6, 6);
         let report = run(&mut mock, &mut u, &set, &config);
-        mock.forward(&u).unwrap();
-        let all = Config { smoothness: 1.0, feasibility: 1.0, max_step: 0.03, ..config };
-        (report, Objective::new(&set, &all).measure(&mock))
+        assert!(mock.forward(&u).is_continue());
+        (report, Smoothness::new(&set, 1.0).value(&mock), Feasibility::new(1.0, 0.03).value(&mock))
     };
     for base in [Config::fast(40), Config::published(60)] {
         let plain = Config { smoothness: 0.0, trust: 0.0, feasibility: 0.0, stop_error: 0.0, ..base };
-        let (free, measured) = solve_with(plain);
-        let (near, _) = solve_with(Config { trust: 0.05, ..plain });
+        let (free, bends, steps) = solve_with(plain);
+        let (near, ..) = solve_with(Config { trust: 0.05, ..plain });
         assert!(near.distance < 0.8 * free.distance, "{near:?} {free:?}");
-        let (_, smooth) = solve_with(Config { smoothness: 3e4, ..plain });
-        assert!(smooth.smoothness < 0.8 * measured.smoothness, "{smooth:?} {measured:?}");
-        let (_, slow) = solve_with(Config { feasibility: 1e4, max_step: 0.03, ..plain });
-        assert!(slow.feasibility < 0.8 * measured.feasibility, "{slow:?} {measured:?}");
+        let (_, smooth, _) = solve_with(Config { smoothness: 3e4, ..plain });
+        assert!(smooth < 0.8 * bends, "{smooth} {bends}");
+        let (.., slow) = solve_with(Config { feasibility: 1e4, max_step: 0.03, ..plain });
+        assert!(slow < 0.8 * steps, "{slow} {steps}");
     }
 }
 
@@ -272,10 +278,33 @@ fn unreachable_anchors_are_approached_and_reported() {
     }
 }
 
+/// A strong trust region makes points near the anchors worse by `J` than where the solve began.
+#[test]
+fn tolerance_is_that_of_the_result() {
+    let (mut met, mut seen) = (0, 0);
+    for base in [Config::fast(30), Config::published(60)] {
+        for trust in [0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0] {
+            for stop_error in [0.02, 0.1, 0.2] {
+                let (mut mock, mut u, set) = problem(0, 2, 5);
+                let report = run(&mut mock, &mut u, &set, &Config { trust, stop_error, ..base });
+                let worst = report.after.unwrap().worst;
+                assert_eq!(report.reason == StopReason::Tolerance, worst <= stop_error, "{trust}: {report:?}");
+                met += usize::from(worst <= stop_error);
+                let evaluated = mock.seen.clone();
+                seen += usize::from(evaluated.iter().any(|u| {
+                    assert!(mock.forward(u).is_continue());
+                    worst > stop_error && distances_of(&mock, &set).control_error(&set).worst <= stop_error
+                }));
+            }
+        }
+    }
+    assert!(met > 5 && seen > 1, "{met} met, {seen} met at another point than the result");
+}
+
 #[test]
 fn met_anchors_cost_one_evaluation() {
     let (mut mock, mut u, _) = problem(0, 1, 1);
-    mock.forward(&u).unwrap();
+    assert!(mock.forward(&u).is_continue());
     let set = mock.set(&[Anchor::root(50, mock.position(0, 50))]);
     mock.forwards = 0;
     let start = u.clone();
@@ -311,15 +340,31 @@ fn scratch_is_exact_and_checked() {
             let set = mock.set(&anchors);
             let need = scratch_len(tokens, width, set.len(), &config);
             let mut short = vec![0.0; need - 1];
-            let error = solve(&mut mock, &mut u, &set, &config, &mut short).unwrap_err();
+            let error = solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut short).unwrap_err();
             assert_eq!(error, SolverError::Scratch { have: need - 1, need });
             assert_eq!(mock.forwards, 0);
 
             // One guard number behind the planned length stays untouched; all before it is used.
             let mut scratch = vec![f32::NAN; need + 1];
-            solve(&mut mock, &mut u, &set, &config, &mut scratch).unwrap();
+            solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
             assert!(scratch[..need].iter().all(|v| v.is_finite()));
             assert!(scratch[need].is_nan());
+        }
+    }
+}
+
+#[test]
+fn any_grid_of_tokens_and_frames_is_solved() {
+    for (tokens, frames_per_token) in [(50, 2), (24, 8), (256, 4)] {
+        for config in [Config::fast(30), Config::published(60)] {
+            let mut mock = Mock::with_frames_per_token(7, tokens, WIDTH, frames_per_token);
+            let end = mock.frames() as u16;
+            let places = [(end / 4, None), (end / 2 - 1, Some(20)), (3 * end / 4 + 1, None), (end - 2, Some(15))];
+            let (mut u, anchors) = mock.problem(3, &places, false);
+            let set = mock.set(&anchors);
+            let report = run(&mut mock, &mut u, &set, &config);
+            let (before, after) = (report.before.unwrap().mean, report.after.unwrap().mean);
+            assert!(after < 0.2 * before, "{tokens} tokens of {frames_per_token} frames: {before} -> {after}");
         }
     }
 }
@@ -339,17 +384,18 @@ fn wrong_shapes_are_refused() {
     let config = Config::fast(5);
     let mut scratch = vec![0.0; scratch_len(TOKENS, WIDTH, set.len(), &config)];
     let short = u.len() - 1;
-    let error = solve(&mut mock, &mut u[..short], &set, &config, &mut scratch).unwrap_err();
+    let error = solve(&mut mock, &mut u[..short], &Objective::new(&set, &config), &config, &mut scratch).unwrap_err();
     assert_eq!(error, SolverError::Shape { have: short, need: short + 1 });
 
     let far = AnchorSet::new(&[Anchor::root(150, [0.0, 0.9, 0.0])], 196).unwrap();
-    let error = solve(&mut mock, &mut u, &far, &config, &mut scratch).unwrap_err();
+    let error = solve(&mut mock, &mut u, &Objective::new(&far, &config), &config, &mut scratch).unwrap_err();
     assert_eq!(error, SolverError::FrameOutOfRange { frame: 150, frames: 4 * TOKENS });
 
-    for tokens in [0, 50] {
-        let mut mock = Mock::new(1, tokens, 4);
-        let error = solve(&mut mock, &mut [], &AnchorSet::EMPTY, &config, &mut []).unwrap_err();
-        assert_eq!(error, SolverError::Tokens { tokens, limit: 49 });
+    for (tokens, frames_per_token, limit) in [(0, 4, 16_384), (5, 0, 0), (2049, 32, 2048)] {
+        let mut mock = Mock::with_frames_per_token(1, tokens, 1, frames_per_token);
+        let error =
+            solve(&mut mock, &mut [], &Objective::new(&AnchorSet::EMPTY, &config), &config, &mut []).unwrap_err();
+        assert_eq!(error, SolverError::Tokens { tokens, limit });
         assert!(!error.to_string().is_empty());
     }
 }
@@ -360,7 +406,7 @@ fn results_do_not_depend_on_what_scratch_held() {
         let solve_over = |filler: f32| {
             let (mut mock, mut u, set) = problem(3, 6, 8);
             let mut scratch = vec![filler; scratch_len(TOKENS, WIDTH, set.len(), &config)];
-            solve(&mut mock, &mut u, &set, &config, &mut scratch).unwrap();
+            solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
             u
         };
         assert_eq!(solve_over(f32::NAN), solve_over(3.0e7));

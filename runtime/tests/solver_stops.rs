@@ -3,9 +3,8 @@
 mod mock;
 
 use mock::{Mock, StopAt};
-use motionette::perception::anchors::AnchorSet;
-use motionette::refining::objective::Objective;
-use motionette::refining::{Config, MotionMap, Report, SolverError, Stop, StopReason, scratch_len, solve};
+use motionette::refining::{Config, MotionMap, Objective, Report, SolverError, Stop, StopReason, scratch_len, solve};
+use motionette::request::conditions::AnchorSet;
 
 const TOKENS: usize = 12;
 const WIDTH: usize = 8;
@@ -23,17 +22,16 @@ fn methods() -> [Config; 2] {
 
 fn run(mock: &mut Mock, u: &mut [f32], set: &AnchorSet, config: &Config) -> Result<Report, SolverError> {
     let mut scratch = vec![0.0; scratch_len(TOKENS, WIDTH, set.len(), config)];
-    solve(mock, u, set, config, &mut scratch)
+    solve(mock, u, &Objective::new(set, config), config, &mut scratch)
 }
 
 /// `J` at `u`, and that `u` is one of the points evaluated.
 fn objective(mock: &Mock, u: &[f32], start: &[f32], set: &AnchorSet, config: &Config) -> f32 {
     let mut fresh = Mock::new(3, TOKENS, WIDTH);
-    fresh.forward(u).unwrap();
+    assert!(fresh.forward(u).is_continue());
     assert!(mock.seen.iter().any(|seen| seen == u), "the result was evaluated");
     let squared: f32 = u.iter().zip(start).map(|(a, b)| (a - b) * (a - b)).sum();
-    let objective = Objective::new(set, config);
-    objective.weighted(&objective.measure(&fresh)) + config.trust * squared
+    Objective::new(set, config).measure(&fresh, squared, None).objective
 }
 
 #[test]
@@ -132,15 +130,15 @@ fn a_solver_can_run_again_at_once() {
         let (mut mock, start, set) = problem();
         let mut scratch = vec![0.0; scratch_len(TOKENS, WIDTH, set.len(), &config)];
         let mut expected = start.clone();
-        solve(&mut mock, &mut expected, &set, &config, &mut scratch).unwrap();
+        solve(&mut mock, &mut expected, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
         for at in [0, 3, 8] {
             let mut u = start.clone();
             (mock.forwards, mock.backwards) = (0, 0);
             mock.stop_at = Some(StopAt { calls: at, stop: Stop::Abort });
-            solve(&mut mock, &mut u, &set, &config, &mut scratch).unwrap_err();
+            solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap_err();
             mock.stop_at = None;
             u.copy_from_slice(&start);
-            solve(&mut mock, &mut u, &set, &config, &mut scratch).unwrap();
+            solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
             assert_eq!(u, expected);
         }
     }

@@ -33,7 +33,7 @@ impl Counted {
 /// Any error of the model or request.
 pub fn count(model: &Model<'_>) -> Result<Counted> {
     let anchors = standard::anchors();
-    let request = standard::request().through(anchors.as_slice()?);
+    let request = standard::request().through(&anchors);
     let plan = Generator::new(model.clone(), &mut [])?.plan(&request)?;
     let mut arena = vec![0u8; plan.arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena)?;

@@ -1,8 +1,9 @@
 //! Small random models, written byte by byte from `runtime/src/blob/FORMAT.md`, independently of the converter.
 
 use motionette::blob::{
-    Activation, Card, ControlConfig, DType, DecoderConfig, Header, MAJOR, MINOR, Manifest, Norm, PlannerConfig,
-    Representation, Sampler, SelfTest, TensorEntry, TextConfig, TransformerConfig,
+    Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator, Guidance, Header, HumanMl3d, MAJOR,
+    Manifest, Norm, Padding, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TensorEntry, TextConfig,
+    TextEncoderConfig, TextLength, TextTable, TransformerConfig,
 };
 use motionette::hash::Stream;
 
@@ -25,6 +26,8 @@ pub struct Shape {
     pub wide: u16,
     /// Longest motion.
     pub max_tokens: u16,
+    /// Frames a second.
+    pub frame_rate: u16,
     /// Text encoder, stored prompts and planner.
     pub prior: Option<PriorShape>,
 }
@@ -91,6 +94,7 @@ impl Default for Shape {
             dilations: vec![3, 1],
             wide: 4,
             max_tokens: 49,
+            frame_rate: 20,
             prior: None,
         }
     }
@@ -126,6 +130,17 @@ impl PriorShape {
 
 /// Features of the only representation there is.
 pub const FEATURES: u16 = 263;
+
+/// A body whose joints are all 10 cm and their number in millimetres from their parents, straight up.
+#[must_use]
+pub fn skeleton() -> [u8; 264] {
+    let mut bytes = [0; 264];
+    for joint in 1..22 {
+        let up = (100 + joint) as f32 / 1000.0;
+        bytes[12 * joint + 4..12 * joint + 8].copy_from_slice(&up.to_le_bytes());
+    }
+    bytes
+}
 
 /// One convolution with its weights as real numbers, for the oracle.
 #[derive(Debug, Clone)]
@@ -480,31 +495,42 @@ impl Tiny {
         let text = shape.prior.as_ref().map(|prior| TextConfig {
             width: prior.text.width,
             max_words: prior.max_words,
-            vocabulary: &vocabulary,
-            encoder: (!prior.words.is_empty()).then_some(prior.text),
-            bank: &bank,
+            encoder: (!prior.words.is_empty())
+                .then_some(TextEncoderConfig { table: TextTable::Words(&vocabulary), transformer: prior.text }),
+            length: TextLength::Head,
+            bank: PhraseBank::Prompts(&bank),
         });
         let planner = shape.prior.as_ref().filter(|prior| prior.planned).map(|prior| PlannerConfig {
+            max_tokens: shape.max_tokens,
             transformer: prior.planner,
-            sampler: Sampler::Tmd { c: prior.c, a: prior.a },
+            c: prior.c,
+            a: prior.a,
+            guidance: Guidance::TwoPass,
+            control: config.map(|(_, control)| control),
         });
+        let skeleton = skeleton();
+        // Kernel 3 everywhere but behind each dilated convolution.
+        let each = |rows: u16| Padding { left: rows, right: rows };
+        let stage = || shape.dilations.iter().map(|&d| u16::from(d)).chain([1]);
+        let stages = (0..shape.stages).flat_map(|_| stage());
         let manifest = Manifest {
             card: Card { name: "tiny", licence: "MIT OR Apache-2.0", data: "random numbers", checkpoint: "" },
-            representation: Representation::HumanMl3d,
-            frame_rate: 20,
-            max_tokens: shape.max_tokens,
-            decoder: DecoderConfig {
+            representation: Representation::HumanMl3d(HumanMl3d {
+                frame_rate: shape.frame_rate,
+                skeleton: Skeleton::new(&skeleton),
+            }),
+            codec: Codec::Vq(DecoderConfig {
                 width,
                 code_width: shape.code_width,
                 codes: shape.codes,
                 quantizers: shape.quantizers,
                 stages: shape.stages,
                 dilations: shape.dilations.iter().copied().collect(),
+                padding: [1].into_iter().chain(stages).chain([1, 1]).map(each).collect(),
                 features: FEATURES,
-            },
+            }),
             text,
-            planner,
-            control: config.map(|(_, control)| control),
+            generator: planner.map_or(Generator::Given { max_tokens: shape.max_tokens }, Generator::Tmd),
             self_test: SelfTest { seed: 0, tokens: 0, hash: 0 },
             tensor_count: writer.entries.len() as u16,
         };
@@ -540,7 +566,7 @@ pub fn assemble(manifest: &Manifest<'_>, entries: &[Entry], weights: &[u8]) -> V
     let weights_offset = (32 + text.len()).next_multiple_of(16);
     let mut header = Header {
         major: MAJOR,
-        minor: if entries.iter().any(|(_, dtype, ..)| *dtype == DType::I4) { MINOR } else { 0 },
+        minor: 0,
         total_len: (weights_offset + weights.len()) as u32,
         manifest_len: text.len() as u32,
         weights_offset: weights_offset as u32,

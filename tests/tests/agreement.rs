@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint;
 use motionette_host::dataset::{Builder, Split};
 use motionette_host::import::pack;

@@ -62,8 +62,8 @@ fn errors_name_what_was_found() {
     assert_eq!(blob.open(), Err(Error::NotABlob { found: *b"XNTB" }));
     blob.bytes()[0] = b'M';
     blob.bytes()[4] = 9;
-    assert_eq!(blob.open(), Err(Error::Version { found: 9, supported: 3 }));
-    blob.bytes()[4] = 3;
+    assert_eq!(blob.open(), Err(Error::Version { found: 9, supported: 4 }));
+    blob.bytes()[4] = 4;
     blob.bytes()[40] ^= 1;
     assert!(matches!(blob.open(), Err(Error::Checksum { .. })));
     blob.bytes()[40] ^= 1;
@@ -119,6 +119,9 @@ fn malformed_four_bit_weights_are_refused() {
         blob.repair();
         blob.open()
     };
+    // A number format that came later.
+    let unknown = Error::Unknown { section: "tensor format", found: 5, known: 5, minor: 0 };
+    assert_eq!(with(entry("token"), 5), Err(unknown));
     // The number format, three dimensions, the offset; the first block's queries of the text.
     let (query, token) = (entry("cq"), entry("token"));
     assert_eq!(tiny.bytes()[query..query + 4], [4, 1, 32, 32]);
@@ -129,6 +132,140 @@ fn malformed_four_bit_weights_are_refused() {
     assert!(matches!(with(query, 1), Err(Error::TensorShape { found: 1024, expected: 1024, .. })));
     assert_eq!(tiny.bytes()[token..token + 4], [0, 1, 11, 32]);
     assert!(matches!(with(token, 4), Err(Error::TensorShape { found: 0, expected: 352, .. })));
+}
+
+/// Places in the manifest of [`tiny`], whose numbers take a byte each, from `FORMAT.md`.
+mod place {
+    /// Behind the card of "tiny", "MIT OR Apache-2.0", "random numbers" and "".
+    pub const REPRESENTATION: usize = super::HEADER_LEN + 5 + 18 + 15 + 1;
+    pub const FRAME_RATE: usize = REPRESENTATION + 1;
+    pub const SKELETON: usize = FRAME_RATE + 1;
+    pub const CODEC: usize = SKELETON + 264;
+    /// Width, code width, codes, quantizers, stages, one dilation.
+    pub const STAGES: usize = CODEC + 5;
+    pub const DILATIONS: usize = STAGES + 1;
+    /// Seven convolutions, two numbers each.
+    pub const PADDING: usize = DILATIONS + 2;
+    pub const FEATURES: usize = PADDING + 1 + 14;
+    pub const TEXT: usize = FEATURES + 2;
+    pub const GENERATOR: usize = TEXT + 1;
+    pub const MAX_TOKENS: usize = GENERATOR + 1;
+    pub const SELF_TEST: usize = MAX_TOKENS + 1;
+    pub const TENSOR_COUNT: usize = SELF_TEST + 3;
+}
+
+#[test]
+fn the_manifest_lies_where_the_format_says() {
+    let tiny = tiny();
+    let bytes = tiny.bytes();
+    let skeleton = motionette_tests::tiny::skeleton();
+    assert_eq!(bytes[place::REPRESENTATION..place::SKELETON], [0, 20]);
+    assert_eq!(bytes[place::SKELETON..place::CODEC], skeleton);
+    assert_eq!(bytes[place::CODEC..place::PADDING], [0, 4, 3, 5, 1, 2, 1, 1]);
+    assert_eq!(bytes[place::PADDING..place::FEATURES], [7, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]);
+    assert_eq!(bytes[place::FEATURES..=place::TENSOR_COUNT], [0x87, 0x02, 0, 0, 49, 0, 0, 0, 31]);
+    let model = Model::open(bytes).expect("a good blob");
+    assert_eq!((model.frame_rate(), model.frames_per_token(), model.max_tokens()), (20, 4, 49));
+    let offsets: Vec<[f32; 3]> = model.skeleton().offsets().collect();
+    assert_eq!((offsets.len(), offsets[0], offsets[5]), (22, [0.0; 3], [0.0, 0.105, 0.0]));
+}
+
+/// Values that no reader of 4.0 takes, each refused by its name.
+#[test]
+fn refused_values_of_the_manifest_are_named() {
+    let tiny = tiny();
+    let with = |at: usize, bytes: &[u8]| {
+        let mut blob = Editable::new(tiny.bytes());
+        blob.bytes()[at..at + bytes.len()].copy_from_slice(bytes);
+        blob.repair();
+        blob.open()
+    };
+    let config = |what, found, limit| Err(Error::Config { what, found, limit });
+    assert_eq!(with(place::FRAME_RATE, &[0]), config("representation.frame_rate", 0, 1000));
+    assert_eq!(with(place::STAGES, &[3]), config("entries of codec.padding", 7, 9));
+    assert_eq!(with(place::DILATIONS + 1, &[2]), config("codec.padding, left and right together", 2, 4));
+    // A causal convolution: nothing ahead. The first stage's first.
+    let causal = config("codec.padding on the right, beside the left", 0, 2);
+    assert_eq!(with(place::PADDING + 3, &[2, 0]), causal);
+    assert_eq!(with(place::PADDING + 3, &[0, 2]), config("codec.padding on the right, beside the left", 2, 0));
+    assert_eq!(with(place::FEATURES, &[0x88]), config("codec.features", 264, 263));
+    assert_eq!(with(place::MAX_TOKENS, &[0]), config("generator.max_tokens", 0, 256));
+    assert_eq!(with(place::TENSOR_COUNT, &[0]), config("tensor_count", 0, 1024));
+    let bone = |joint: usize, value: f32| with(place::SKELETON + 12 * joint, &value.to_le_bytes());
+    for (joint, value) in [(0, 0.1), (21, f32::NAN), (3, f32::INFINITY), (7, 4.0), (7, -1e30)] {
+        let refused = bone(joint, value);
+        assert!(matches!(refused, Err(Error::Number { what, .. }) if what.contains("skeleton")), "{refused:?}");
+    }
+    assert_eq!(bone(7, 2.0), Ok(()));
+    // A bone of no length.
+    let short = with(place::SKELETON + 12 * 9 + 4, &[0; 4]);
+    assert!(matches!(short, Err(Error::Number { bits: 0, .. })), "{short:?}");
+}
+
+/// A self-test asks for tokens that the model can decode, at most 64 numbers; a blob without a hash has none.
+#[test]
+fn a_self_test_that_cannot_run_is_refused() {
+    let with = |shape: Shape, tokens: u8, hash: u8| {
+        let tiny = Tiny::new(shape, 3);
+        let mut blob = Editable::new(tiny.bytes());
+        blob.bytes()[place::SELF_TEST..place::SELF_TEST + 3].copy_from_slice(&[1, tokens, hash]);
+        blob.repair();
+        blob.open()
+    };
+    let one = tiny().shape;
+    let three = Shape { quantizers: 3, ..one.clone() };
+    let refused = |found, limit| Err(Error::Config { what: "self_test.tokens", found, limit });
+    assert_eq!(with(one.clone(), 49, 7), Ok(()));
+    assert_eq!(with(one.clone(), 50, 7), refused(50, 49));
+    assert_eq!(with(one.clone(), 0, 7), refused(0, 49));
+    assert_eq!(with(one.clone(), 127, 0), Ok(()));
+    assert_eq!(with(three.clone(), 21, 7), Ok(()));
+    assert_eq!(with(three, 22, 7), refused(22, 21));
+    assert_eq!(with(Shape { max_tokens: 80, ..one.clone() }, 64, 7), Ok(()));
+    assert_eq!(with(Shape { max_tokens: 80, ..one }, 65, 7), refused(65, 64));
+}
+
+/// A blob of a later minor version whose codec came with it, and one whose sections are known.
+#[test]
+fn kinds_that_came_later_are_refused_by_name() {
+    let tiny = tiny();
+    let with = |at: usize, minor: u8| {
+        let mut blob = Editable::new(tiny.bytes());
+        blob.bytes()[at] = 9;
+        blob.bytes()[6] = minor;
+        blob.repair();
+        blob.open()
+    };
+    for (at, section, known) in [
+        (place::REPRESENTATION, "representation", 1),
+        (place::CODEC, "codec", 1),
+        (place::TEXT, "text", 2),
+        (place::GENERATOR, "generator", 2),
+    ] {
+        assert_eq!(with(at, 3), Err(Error::Unknown { section, found: 9, known, minor: 3 }));
+    }
+    // A seed of 9.
+    assert_eq!(with(place::SELF_TEST, 3), Ok(()));
+}
+
+/// Blobs of the format before this one: the error says both versions and what to do.
+#[test]
+fn blobs_of_format_3_are_told_to_be_lifted() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus/format3");
+    let mut seen = 0;
+    for file in std::fs::read_dir(folder).expect("the folder of old blobs") {
+        let bytes = std::fs::read(file.expect("an entry").path()).expect("a blob");
+        let error = Editable::new(&bytes).open().expect_err("an old blob");
+        assert_eq!(error, Error::Version { found: 3, supported: 4 });
+        let said = error.to_string();
+        for word in ["version 3", "understands 4", "motionette convert OLD.blob -o NEW.blob"] {
+            assert!(said.contains(word), "{word:?} not in: {said}");
+        }
+        seen += 1;
+    }
+    assert!(seen > 3, "only {seen} old blobs");
+    let newer = Error::Version { found: 5, supported: 4 }.to_string();
+    assert!(newer.contains("newer firmware") && !newer.contains("convert"), "{newer}");
 }
 
 /// Whatever the bytes, opening them answers, and what opens can be run.

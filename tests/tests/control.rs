@@ -1,20 +1,21 @@
 //! Anchors inside the planner, on small random models: their features against dense curves, what they tell the planner against an
 //! f64 oracle, and what a request notices of them.
 
-use motionette::arena::Arena;
 use motionette::blob::{ControlConfig, Error as BlobError, Norm, TransformerConfig};
+use motionette::conditioning::scaffold::{self, Scaffold, Statistics};
 use motionette::hash::Stream;
-use motionette::perception::anchors::{AnchorSet, FAMILIES, MAX_ANCHORS};
-use motionette::perception::scaffold::{self, Scaffold, Statistics};
+use motionette::memory::Arena;
 use motionette::planning::{Limits, Session};
 use motionette::refining::Config;
+use motionette::request::conditions::{AnchorSet, FAMILIES, MAX_ANCHORS};
 use motionette::{
-    Anchor, Error, Flow, Generator, Length, Model, Observer, Planning, Progress, Prompt, ROWS, Request, Stage, Target,
+    Anchor, Error, Generator, Length, Model, Observer, Planning, Progress, Prompt, ROWS, Request, Stage, Stop, Target,
 };
 use motionette_host::reference;
 use motionette_tests::naive_prior::{self, Rows, Scene};
 use motionette_tests::naive_scaffold;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
+use std::ops::ControlFlow;
 
 const PROMPT: &str = "a person waves the left hand";
 /// Its ids in the default vocabulary.
@@ -177,10 +178,10 @@ fn logits(tiny: &Tiny, scene: &Scene, planning: &Planning<'_>, anchors: bool) ->
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut words));
     let mut session = Session::new(modules, &mut arena, tokens, &limits, ROWS).expect("the planned bytes suffice");
     assert_eq!(arena.used(), bytes, "planned bytes are what a session takes");
-    let _ = session.read(&Prompt::Text(PROMPT), &mut || Ok(())).unwrap().unwrap();
+    let _ = session.read(&Prompt::Text(PROMPT), &mut || ControlFlow::Continue(())).unwrap().continue_value().unwrap();
     let set = AnchorSet::new(&scene.anchors, tokens * model.frames_per_token()).expect("the anchors are valid");
-    session.anchor(&set, tokens, &mut || Ok(())).unwrap();
-    session.pass(&scene.tokens, scene.time as f32, planning, &mut || Ok(())).unwrap();
+    assert!(session.anchor(&set, tokens, &mut || ControlFlow::Continue(())).is_continue());
+    assert!(session.pass(&scene.tokens, scene.time as f32, planning, &mut || ControlFlow::Continue(())).is_continue());
     (0..tokens).map(|i| session.logits(i).iter().map(|&v| f64::from(v)).collect()).collect()
 }
 
@@ -294,7 +295,7 @@ fn anchors_change_what_is_planned_unless_they_are_not_to() {
             moved += usize::from(tokens != free.1);
         }
         let other = [Anchor::root(10, [-0.9, 0.4, 1.3])];
-        let one = made(&controlled, &Request { anchors: &other, ..alone }.seed(seed));
+        let one = made(&controlled, &alone.anchors(&other).seed(seed));
         moved += usize::from(one.1 != made(&controlled, &alone.seed(seed)).1);
     }
     assert!(moved > 25, "anchors mean little to this planner: {moved} of 30");
@@ -312,10 +313,10 @@ fn families_that_the_model_was_not_trained_for_only_refine() {
         let tiny = Tiny::new(with(PriorShape { control, ..prior }), 31);
         let seen: Vec<Anchor> = ANCHORS.into_iter().filter(|a| a.target.family().bit() & families != 0).collect();
         let rest: Vec<Anchor> = ANCHORS.into_iter().filter(|a| !seen.contains(a)).collect();
-        let all = made(&tiny, &Request { anchors: &ANCHORS, ..base() });
-        let (hash, tokens, none) = made(&tiny, &Request { anchors: &seen, ..base() });
+        let all = made(&tiny, &base().anchors(&ANCHORS));
+        let (hash, tokens, none) = made(&tiny, &base().anchors(&seen));
         assert_eq!((all, none), ((hash, tokens, unseen), 0));
-        let (hash, tokens, _) = made(&tiny, &Request { anchors: &rest, ..base() });
+        let (hash, tokens, _) = made(&tiny, &base().anchors(&rest));
         let free = made(&tiny, &base());
         assert_eq!((hash, tokens), (free.0, free.1));
     }
@@ -329,7 +330,7 @@ fn painted_memory_is_what_the_plan_says() {
     for shape in shapes().into_iter().chain([with(prior)]) {
         let tiny = Tiny::new(shape, 33);
         let model = Model::open(tiny.bytes()).unwrap();
-        let alone = Request { anchors: &ANCHORS, ..base() };
+        let alone = base().anchors(&ANCHORS);
         let requests = [
             alone,
             alone.guidance(1.0),
@@ -342,7 +343,7 @@ fn painted_memory_is_what_the_plan_says() {
             // Short tokens make fewer frames.
             let last = 6 * model.frames_per_token() as u16 - 1;
             let anchors = ANCHORS.map(|a| Anchor { frame: a.frame.min(last), ..a });
-            let request = Request { anchors: &anchors[..3], ..request };
+            let request = request.anchors(&anchors[..3]);
             let mut words = vec![0u128; 1 << 16];
             let memory: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
             let used = |memory: &mut [u8]| {
@@ -391,15 +392,15 @@ fn planned_work_is_that_of_the_layers() {
 struct Stopper {
     calls: usize,
     at: usize,
-    wish: Flow,
+    wish: ControlFlow<Stop>,
     stages: Vec<Stage>,
 }
 
 impl Observer for Stopper {
-    fn progress(&mut self, progress: Progress) -> Flow {
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         self.calls += 1;
         self.stages.push(progress.stage);
-        if self.calls == self.at { self.wish } else { Flow::Continue }
+        if self.calls == self.at { self.wish } else { ControlFlow::Continue(()) }
     }
 }
 
@@ -409,9 +410,9 @@ fn reading_anchors_can_be_stopped_at_every_layer() {
     let mut words = vec![0u128; 1 << 16];
     let model = Model::open(tiny.bytes()).unwrap();
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut words)).unwrap();
-    let request = Request { anchors: &ANCHORS, ..base() };
+    let request = base().anchors(&ANCHORS);
     let mut reads = |request: &Request<'_>| {
-        let mut all = Stopper { calls: 0, at: 0, wish: Flow::Continue, stages: vec![] };
+        let mut all = Stopper { calls: 0, at: 0, wish: ControlFlow::Continue(()), stages: vec![] };
         let hash = generator.generate(request, &mut all).unwrap().hash();
         (hash, all.stages.iter().filter(|stage| **stage == Stage::Reading).count())
     };
@@ -419,10 +420,10 @@ fn reading_anchors_can_be_stopped_at_every_layer() {
     let (_, free) = reads(&request.unconditioned());
     assert_eq!(reading, free + 2 + 2, "the scaffold's two blocks, and keys and values of the planner's two");
     for at in free + 1..=reading {
-        let mut stopper = Stopper { calls: 0, at, wish: Flow::Abort, stages: vec![] };
+        let mut stopper = Stopper { calls: 0, at, wish: ControlFlow::Break(Stop::Abort), stages: vec![] };
         assert_eq!(generator.generate(&request, &mut stopper).map(|m| m.hash()), Err(Error::Aborted));
         assert_eq!(stopper.calls, at);
-        let mut stopper = Stopper { calls: 0, at, wish: Flow::Finish, stages: vec![] };
+        let mut stopper = Stopper { calls: 0, at, wish: ControlFlow::Break(Stop::Finish), stages: vec![] };
         let tokens = generator.generate(&request, &mut stopper).unwrap().tokens().to_vec();
         assert_eq!(tokens, generator.generate(&request.steps(1), &mut ()).unwrap().tokens());
         assert_eq!(generator.generate(&request, &mut ()).unwrap().hash(), hash);
@@ -435,7 +436,7 @@ fn refused_requests_and_blobs_say_why() {
     let mut words = vec![0u128; 1 << 16];
     let model = Model::open(tiny.bytes()).unwrap();
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut words)).unwrap();
-    let good = generator.generate(&Request { anchors: &ANCHORS, ..base() }, &mut ()).unwrap().hash();
+    let good = generator.generate(&base().anchors(&ANCHORS), &mut ()).unwrap().hash();
     let bad = [
         Anchor::root(24, [0.0; 3]),
         Anchor::root(0, [f32::NAN, 0.0, 0.0]),
@@ -444,12 +445,12 @@ fn refused_requests_and_blobs_say_why() {
     ];
     for anchor in bad {
         for anchors in [vec![anchor], [ANCHORS.as_slice(), &[anchor]].concat()] {
-            let request = Request { anchors: &anchors, ..base() };
+            let request = base().anchors(&anchors);
             let refused = generator.generate(&request, &mut ()).map(|m| m.hash());
             assert!(matches!(refused, Err(Error::Anchors(_))), "{anchor:?}: {refused:?}");
         }
     }
-    assert_eq!(generator.generate(&Request { anchors: &ANCHORS, ..base() }, &mut ()).unwrap().hash(), good);
+    assert_eq!(generator.generate(&base().anchors(&ANCHORS), &mut ()).unwrap().hash(), good);
 
     let refused = |change: &dyn Fn(&mut ControlConfig)| {
         let mut prior = PriorShape::with_control();
@@ -461,9 +462,9 @@ fn refused_requests_and_blobs_say_why() {
         BlobError::Config { what, found, limit } => (what, found, limit),
         other => panic!("{other:?}"),
     };
-    assert_eq!(config(refused(&|c| c.families = 0)), ("control.families", 0, 7));
-    assert_eq!(config(refused(&|c| c.families = 8)), ("control.families", 8, 7));
-    assert_eq!(config(refused(&|c| c.rank = 0)), ("control.rank", 0, 1024));
-    assert_eq!(config(refused(&|c| c.frame_width = 1025)), ("control.frame_width", 1025, 1024));
+    assert_eq!(config(refused(&|c| c.families = 0)), ("generator.control.families", 0, 7));
+    assert_eq!(config(refused(&|c| c.families = 8)), ("generator.control.families", 8, 7));
+    assert_eq!(config(refused(&|c| c.rank = 0)), ("generator.control.rank", 0, 1024));
+    assert_eq!(config(refused(&|c| c.frame_width = 1025)), ("generator.control.frame_width", 1025, 1024));
     assert_eq!(config(refused(&|c| c.scaffold.heads = 4)), ("transformer.heads that do not divide the width", 4, 6));
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use motionette::{Generator, Model, Request};
 use motionette_tests::fuzz::{self, Failure, MAX_BLOB, MAX_CONTROLLED_BLOB};
 
-/// Blobs of format version 3 as they were written when it was fixed: today's reader must still open them.
+/// Blobs of format version 4 as they were written when it was fixed: today's reader must still open them.
 #[test]
 fn committed_blobs_still_open_and_move() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");

@@ -1,13 +1,14 @@
 //! Input gradients of the runtime's decoder and recovery against central differences of the f64 oracle.
 
 use motionette::Model;
-use motionette::arena::Arena;
-use motionette::decoding::decoder::{Interrupted, Portion};
+use motionette::decoding::decoder::Portion;
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::motion::humanml3d::{Features, Path, channels};
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};
+use std::ops::ControlFlow;
 
 /// One term `d . position(joint, frame)` of a linear objective.
 struct Term {
@@ -38,8 +39,8 @@ fn runtime_gradient(model: &Model<'_>, u: &[f32], terms: &[Term], rows: usize) -
     };
     let values = take(frames * selected.count());
     let gradient = take(frames * selected.count());
-    let mut check = || Ok::<(), Interrupted>(());
-    decoder.forward(u, &selected, values, &mut work, &mut check).unwrap();
+    let mut check = || ControlFlow::Continue(());
+    assert!(decoder.forward(u, &selected, values, &mut work, &mut check).is_continue());
     let features = Features { values, channels: &selected, mean: model.mean(), std: model.std() };
     features.integrate(&mut path);
     for term in terms {
@@ -47,7 +48,7 @@ fn runtime_gradient(model: &Model<'_>, u: &[f32], terms: &[Term], rows: usize) -
     }
     features.integrate_gradient(&path, gradient);
     let mut du = vec![0.0; u.len()];
-    decoder.backward(gradient, &selected, &mut du, &mut work, &mut check).unwrap();
+    assert!(decoder.backward(gradient, &selected, &mut du, &mut work, &mut check).is_continue());
     du
 }
 
@@ -83,7 +84,9 @@ fn gradients_agree_with_central_differences_for_every_shape() {
         base.clone(),
         Shape { width: 33, code_width: 7, dilations: vec![9, 3, 1], ..base.clone() },
         Shape { width: 8, wide: 0, dilations: vec![2], stages: 1, ..base.clone() },
-        Shape { width: 5, wide: 100, stages: 3, ..base },
+        Shape { width: 5, wide: 100, stages: 3, ..base.clone() },
+        // Codes wider than a token's frames together.
+        Shape { width: 8, code_width: 40, wide: 0, dilations: vec![1], stages: 1, ..base },
     ];
     for (seed, shape) in shapes.into_iter().enumerate() {
         let tiny = Tiny::new(shape.clone(), 40 + seed as u64);

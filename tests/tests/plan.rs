@@ -9,10 +9,10 @@ use motionette::kernels::count;
 use motionette::motion::humanml3d::POSITION_CHANNELS;
 use motionette::refining::{Activity, Basis, Config, Method, Prior};
 use motionette::{
-    Anchor, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling, Schedule, Source,
-    StreamLimits, StreamPlan, planning,
+    Anchor, AnchorList, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling,
+    Schedule, Source, StreamLimits, StreamPlan, planning,
 };
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_tests::fuzz;
 use motionette_tests::standard;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
@@ -190,7 +190,7 @@ impl Seen {
         };
         let anchors = anchors(random, positions * model.frames_per_token());
         let refinement = Some(config(random)).filter(|_| random.below(4) > 0);
-        let request = Request { source, anchors: &anchors, refinement, planning };
+        let request = Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning };
 
         let rows = random.below(30) as usize;
         let mut empty = Generator::new(model.clone(), &mut []).expect("default floating point");
@@ -230,7 +230,7 @@ impl Seen {
         let planned = model.planning().is_some() && encoder && random.below(4) > 0;
         let planning = planned.then_some(planning::Limits { words, steps, guided, anchors: false });
         let limits = StreamLimits { tokens: capacity, planning, rows };
-        let plan = StreamPlan::new(model, &limits);
+        let plan = StreamPlan::new(model, &limits).expect("the limits are legal");
         let mut memory = Painted::new(plan.arena_bytes);
         let mut generator = Generator::new(model.clone(), memory.bytes()).expect("default floating point");
         let mut stream = generator.stream(&limits).expect(name);
@@ -339,6 +339,7 @@ fn layers_take_no_more_for_longer_motions() {
             &nano,
             &Limits { tokens, anchors: 8, refinement: Config::default(), planning: None, rows: ROWS },
         )
+        .expect("the limits are legal")
     };
     let chunk = Portion::new(usize::MAX, ROWS).tokens;
     let (short, long) = (plan(chunk), plan(nano.max_tokens()));

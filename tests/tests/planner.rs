@@ -1,13 +1,14 @@
 //! The planner against an f64 oracle on small random models: text encoder, length, logits, and the sampler's marginals.
 
-use motionette::arena::Arena;
 use motionette::blob::{Activation, Norm};
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::planning::tmd::{Metric, Tmd};
 use motionette::planning::{Limits, Session};
-use motionette::{Fixed, Flow, Generator, Length, Model, Observer, Planning, Prompt, ROWS, Request, Sampling};
+use motionette::{Fixed, Generator, Length, Model, Observer, Planning, Prompt, ROWS, Request, Sampling, Stop};
 use motionette_tests::naive_prior::{self, Rows, Scene};
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
+use std::ops::ControlFlow;
 
 const PROMPT: &str = "A person, waving the left hand!";
 /// Its ids in the default vocabulary: `waving` is no form of `waves`, `the` is unknown.
@@ -83,9 +84,17 @@ fn logits_agree_with_the_oracle_for_every_shape_and_scene() {
                 let mut fixed = Vec::new();
                 let planning = planning(&scene, &mut fixed, guidance);
                 let got: Rows = session(&tiny, scene.tokens.len(), limits, |session| {
-                    let heard = session.read(&Prompt::Text(PROMPT), &mut || Ok(())).unwrap().unwrap();
+                    let heard = session
+                        .read(&Prompt::Text(PROMPT), &mut || ControlFlow::Continue(()))
+                        .unwrap()
+                        .continue_value()
+                        .unwrap();
                     assert_eq!((heard.words, heard.unknown_words), (6, 2));
-                    session.pass(&scene.tokens, scene.time as f32, &planning, &mut || Ok(())).unwrap();
+                    assert!(
+                        session
+                            .pass(&scene.tokens, scene.time as f32, &planning, &mut || ControlFlow::Continue(()))
+                            .is_continue()
+                    );
                     let row = |i| session.logits(i).iter().map(|&v| f64::from(v)).collect();
                     (0..scene.tokens.len()).map(row).collect()
                 });
@@ -129,10 +138,18 @@ fn stored_prompts_and_lengths_agree_with_the_oracle() {
         for (index, name, rows) in [(1, "wave", 3), (2, "stand still", 1), (0, "<none>", 2)] {
             let limits = Limits { words: rows, steps: 1, guided: true, anchors: false };
             let (got, length): (Rows, usize) = session(&tiny, 7, limits, |session| {
-                let heard = session.read(&Prompt::Bank(name), &mut || Ok(())).unwrap().unwrap();
+                let heard = session
+                    .read(&Prompt::Bank(name), &mut || ControlFlow::Continue(()))
+                    .unwrap()
+                    .continue_value()
+                    .unwrap();
                 assert_eq!((usize::from(heard.words), heard.unknown_words), (rows, 0));
                 let planning = Planning { guidance: 1.5, ..Planning::DEFAULT };
-                session.pass(&scene.tokens, scene.time as f32, &planning, &mut || Ok(())).unwrap();
+                assert!(
+                    session
+                        .pass(&scene.tokens, scene.time as f32, &planning, &mut || ControlFlow::Continue(()))
+                        .is_continue()
+                );
                 let row = |i| session.logits(i).iter().map(|&v| f64::from(v)).collect();
                 ((0..7).map(row).collect(), session.predicted_length())
             });
@@ -207,7 +224,7 @@ fn a_step_has_the_marginals_of_equations_21_to_23() {
     let (mut right, mut wrong) = (0.0f64, [0.0f64; 4]);
     for (present, proposal) in [(0u16, 1u16), (5, 2), (8, 3), (4, 7)] {
         for (t, h) in [(0.0f32, 0.1f32), (0.3, 0.1), (0.7, 0.1), (0.2, 0.5)] {
-            let step = tmd.step(t, t + h);
+            let step = tmd.stride(t, t + h);
             let mut counts = [0.0; 9];
             for _ in 0..30_000 {
                 let draws = (stream.unit(), stream.unit());
@@ -264,9 +281,9 @@ impl Observer for First {
         }
     }
 
-    fn progress(&mut self, progress: motionette::Progress) -> Flow {
+    fn progress(&mut self, progress: motionette::Progress) -> ControlFlow<Stop> {
         // Nothing behind the first step is of interest.
-        if progress.evaluation > 1 { Flow::Abort } else { Flow::Continue }
+        if progress.evaluation > 1 { ControlFlow::Break(Stop::Abort) } else { ControlFlow::Continue(()) }
     }
 }
 
@@ -284,9 +301,9 @@ fn the_first_step_of_whole_requests_has_the_marginals_of_the_sampler() {
         for z in 0..5u16 {
             let limits = Limits { words: 3, steps: 1, guided: false, anchors: false };
             let logits: Vec<f64> = session(&tiny, 1, limits, |session| {
-                let _ = session.read(&Prompt::Text("a person waves"), &mut || Ok(())).unwrap();
+                let _ = session.read(&Prompt::Text("a person waves"), &mut || ControlFlow::Continue(())).unwrap();
                 let planning = Planning { guidance: 1.0, ..Planning::DEFAULT };
-                session.pass(&[z], 0.0, &planning, &mut || Ok(())).unwrap();
+                assert!(session.pass(&[z], 0.0, &planning, &mut || ControlFlow::Continue(())).is_continue());
                 session.logits(0).iter().map(|&v| f64::from(v) / temperature).collect()
             });
             for (proposal, share) in naive_prior::softmax(&logits).into_iter().enumerate() {

@@ -3,15 +3,17 @@
 //! Random weights quantise worse than trained ones and nothing here is calibrated on data, so the budgets are wider than those of
 //! DESIGN section 6; every mistake in the fixtures' README is far beyond them.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use motionette::ROWS;
 use motionette::decoding::codebook::Codebooks;
 use motionette::nn::output::Channels;
-use motionette::{Limits, Model, Plan, Request, arena::Arena};
-use motionette_host::blob_file::BlobFile;
+use motionette::{Limits, Model, Plan, Request, memory::Arena};
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint;
 use motionette_host::convert::{self, CardText, Options, calibration};
+use motionette_host::reference::bridge;
 use motionette_host::verify;
 
 /// Root mean square of the error of normalised features, as a share of the signal.
@@ -38,7 +40,7 @@ fn floats(folder: &Path, name: &str) -> Vec<f32> {
 fn tokens(folder: &Path, name: &str) -> Vec<u16> {
     let bytes = std::fs::read(folder.join("golden").join(format!("{name}.npy"))).expect(name);
     let ids: Vec<i64> = npyz::NpyFile::new(&bytes[..]).expect(name).into_vec().expect(name);
-    ids.into_iter().map(verify::runtime_token).collect()
+    ids.into_iter().map(bridge::runtime_token).collect()
 }
 
 fn blob(path: &Path) -> BlobFile {
@@ -61,7 +63,7 @@ fn features(model: &Model<'_>, tokens: &[u16]) -> Vec<f32> {
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut bytes));
     let mut work = decoder.workspace(&mut arena, length, all.count(), ROWS).expect("an arena as planned");
     let mut out = vec![0.0; length * decoder.upsampling() * all.count()];
-    decoder.forward(&u, &all, &mut out, &mut work, &mut || Ok(())).expect("not interrupted");
+    assert!(decoder.forward(&u, &all, &mut out, &mut work, &mut || ControlFlow::Continue(())).is_continue());
     out
 }
 
@@ -124,7 +126,8 @@ fn self_test_of_a_converted_blob_passes() {
         planning: None,
         rows: ROWS,
     };
-    let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(16)];
+    let mut arena =
+        vec![0_u128; Plan::for_request(&model, &limits).expect("the limits are legal").arena_bytes.div_ceil(16)];
     let mut generator =
         motionette::Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).expect("default rounding");
     assert_eq!(generator.self_test().expect("room"), Some(true));

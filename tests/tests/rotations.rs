@@ -5,7 +5,7 @@ use std::path::Path;
 
 use motionette::motion::Pose;
 use motionette::{Generator, Request};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint;
 use motionette_host::motion::features::ROTATIONS;
 use motionette_host::motion::quaternion as q;

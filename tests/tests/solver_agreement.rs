@@ -8,19 +8,19 @@ use std::path::{Path, PathBuf};
 
 use motionette::Request;
 use motionette::refining::{Basis as RuntimeBasis, Config, PerFamily};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, TokenizerCheckpoint};
 use motionette_host::convert::{self, CardText, Options};
+use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::reference::interval_basis::Basis;
 use motionette_host::reference::objective::{Objective, Weights};
 use motionette_host::reference::route_solver::{self, Settings};
-use motionette_host::reference::{Anchor, Road, Target, anchors, quasi_newton};
+use motionette_host::reference::{Anchor, DecodePath, Target, anchors, quasi_newton};
 use motionette_host::verify;
-use motionette_host::verify::solvers::runtime_anchor;
 
 struct Bench {
     blob: BlobFile,
-    road: Road<f64>,
+    decode_path: DecodePath<f64>,
     tokens: Vec<u16>,
     anchors: Vec<Anchor>,
     u0: Vec<f64>,
@@ -40,7 +40,7 @@ fn bench() -> Option<Bench> {
         convert::convert(&checkpoint, &Options::PLAIN, &[], &CardText::default(), |_| ()).expect("a conversion");
     let blob = BlobFile::new(conversion.blob, &path).expect("accepted");
     let decoder = blob.dequantised(&checkpoint.decoder).expect("whole");
-    let road = Road::new(&TokenizerCheckpoint { decoder, ..checkpoint }).expect("statistics");
+    let decode_path = DecodePath::new(&TokenizerCheckpoint { decoder, ..checkpoint }).expect("statistics");
     let tokens: Vec<u16> = (0..20 * 3).map(|i| (i * 29 % 64) as u16).collect();
     let plain = verify::run(&blob, "bench", &Request::tokens(&tokens)).expect("a motion");
     let beside = |frame: usize, joint: usize, by: [f64; 3]| -> [f64; 3] {
@@ -55,7 +55,7 @@ fn bench() -> Option<Bench> {
         Anchor { frame: 63, target: Target::Joint { joint: 15, position: beside(63, 15, [-0.1, 0.0, 0.0]) } },
     ];
     let u0 = plain.u.iter().map(|&v| f64::from(v)).collect();
-    Some(Bench { blob, road, tokens, anchors, u0 })
+    Some(Bench { blob, decode_path, tokens, anchors, u0 })
 }
 
 const WEIGHTS: Weights = Weights { smoothness: 0.5, trust: 1e-3, feasibility: 0.3, max_step: 0.02 };
@@ -89,7 +89,7 @@ fn objective_is_the_same() {
     let request = Request::tokens(&b.tokens).through(&given).refined(config(3, RuntimeBasis::Affine));
     let bent = verify::run(&b.blob, "bench", &request).expect("a motion");
     let report = bent.refinement.expect("anchors");
-    let objective = Objective::new(&b.road, &b.anchors, WEIGHTS, &b.u0);
+    let objective = Objective::new(&b.decode_path, &b.anchors, WEIGHTS, &b.u0);
     let after: Vec<f64> = bent.u.iter().map(|&v| f64::from(v)).collect();
     for (name, runtime, u) in [("before", report.objective_before, &b.u0), ("after", report.objective_after, &after)] {
         let exact = objective.value(u).0;
@@ -114,7 +114,7 @@ fn published_method_takes_the_same_steps_in_every_basis() {
     ] {
         let request = Request::tokens(&b.tokens).through(&given).refined(config(8, runtime));
         let bent = verify::run(&b.blob, "bench", &request).expect("a motion");
-        let own = route_solver::solve(&b.road, &b.anchors, &b.u0, &settings(8, reference));
+        let own = route_solver::solve(&b.decode_path, &b.anchors, &b.u0, &settings(8, reference));
         let moved = length(own.u.iter().zip(&b.u0).map(|(a, b)| a - b));
         let apart = length(own.u.iter().zip(&bent.u).map(|(a, &b)| a - f64::from(b)));
         eprintln!("{reference:?}: moved {moved:.4}, {:.2} % of it apart", 100.0 * apart / moved);
@@ -129,7 +129,7 @@ fn long_runs_reach_the_same_control_error() {
     let given: Vec<_> = b.anchors.iter().map(runtime_anchor).collect();
     let request = Request::tokens(&b.tokens).through(&given).refined(config(120, RuntimeBasis::Affine));
     let bent = verify::run(&b.blob, "bench", &request).expect("a motion");
-    let own = route_solver::solve(&b.road, &b.anchors, &b.u0, &settings(120, Basis::Affine));
+    let own = route_solver::solve(&b.decode_path, &b.anchors, &b.u0, &settings(120, Basis::Affine));
     let reached = anchors::control_error(&b.anchors, &bent.joints);
     eprintln!("before {:.4} m, runtime {reached:.4} m, reference {:.4} m", own.error_before, own.error_after);
     assert!(own.error_after < 0.8 * own.error_before);
@@ -139,8 +139,8 @@ fn long_runs_reach_the_same_control_error() {
 #[test]
 fn quasi_newton_beats_the_published_method_at_equal_cost() {
     let Some(b) = bench() else { return };
-    let adam = route_solver::solve(&b.road, &b.anchors, &b.u0, &settings(24, Basis::Affine));
-    let newton = quasi_newton::solve(&b.road, &b.anchors, &b.u0, &settings(0, Basis::Affine), 25);
+    let adam = route_solver::solve(&b.decode_path, &b.anchors, &b.u0, &settings(24, Basis::Affine));
+    let newton = quasi_newton::solve(&b.decode_path, &b.anchors, &b.u0, &settings(0, Basis::Affine), 25);
     assert_eq!(adam.evaluations, 25);
     assert!(newton.evaluations <= 25 && newton.gradients <= newton.evaluations);
     eprintln!("J: quasi-Newton {:.5}, published {:.5}", newton.objective, adam.objective);

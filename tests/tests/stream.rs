@@ -1,16 +1,16 @@
 //! A motion decoded in segments against the same motion decoded whole: every bit equal, however it is cut; exactly the
 //! arena that is planned; interrupted anywhere.
 
-use motionette::arena::Arena;
-use motionette::decoding::decoder::Interrupted;
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
 use motionette::{
-    Error, Flow, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, ROWS, Request, StreamLimits,
+    Error, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, ROWS, Request, Stop, StreamLimits,
     StreamPlan,
 };
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_tests::tiny::{Shape, Tiny};
+use std::ops::ControlFlow;
 
 const PAINT: u8 = 0xC3;
 
@@ -41,7 +41,7 @@ fn random_tokens(model: &Model<'_>, length: usize, random: &mut Stream) -> Vec<u
 fn whole(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
     let limits =
         Limits { tokens: model.max_tokens(), anchors: 0, refinement: Default::default(), planning: None, rows: ROWS };
-    let mut arena = vec![0u8; Plan::for_request(model, &limits).arena_bytes + 16];
+    let mut arena = vec![0u8; Plan::for_request(model, &limits).expect("the limits are legal").arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).expect("default floating point");
     let motion = generator.generate(&Request::tokens(tokens), &mut ()).expect("request is valid");
     motion.joints().iter().map(|v| v.to_bits()).collect()
@@ -62,7 +62,7 @@ fn whole_of_any_length(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
     let mut u = vec![0.0; length * decoder.code_width()];
     model.codebooks().embed(tokens, &mut u).unwrap();
     let mut values = vec![0.0; frames * all.count()];
-    decoder.forward(&u, &all, &mut values, &mut work, &mut || Ok::<(), Interrupted>(())).unwrap();
+    assert!(decoder.forward(&u, &all, &mut values, &mut work, &mut || ControlFlow::Continue(())).is_continue());
     let features = Features { values: &values, channels: &all, mean: model.mean(), std: model.std() };
     features.integrate(&mut path);
     joints(&mut values, &path, model.mean(), model.std()).iter().map(|v| v.to_bits()).collect()
@@ -81,7 +81,7 @@ fn drain(stream: &mut MotionStream<'_, '_>, most: usize, joints: &mut Vec<u32>) 
 fn segments(model: &Model<'_>, tokens: &[u16], room: usize, mut cut: impl FnMut() -> usize) -> Vec<u32> {
     let quantizers = model.codebooks().quantizers();
     let limits = StreamLimits { tokens: room, planning: None, rows: ROWS };
-    let plan = StreamPlan::new(model, &limits);
+    let plan = StreamPlan::new(model, &limits).expect("the limits are legal");
     let mut arena = vec![PAINT; plan.arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).expect("default floating point");
     let mut stream = generator.stream(&limits).expect("the arena is as planned");
@@ -181,7 +181,8 @@ fn the_radius_is_how_far_a_token_reaches() {
         let plan = Plan::for_request(
             &model,
             &Limits { tokens: 3, anchors: 0, refinement: Default::default(), planning: None, rows: ROWS },
-        );
+        )
+        .expect("the limits are legal");
         assert_eq!((plan.radius_tokens, plan.latency_frames), (radius.div_ceil(up), radius));
     }
     assert_eq!(nano().model().unwrap().decoder().radius_tokens(), 22);
@@ -193,7 +194,7 @@ fn the_arena_is_exactly_as_large_as_the_plan_says_however_long_the_motion() {
     let file = nano();
     for model in [Model::open(tiny.bytes()).unwrap(), file.model().unwrap()] {
         let limits = StreamLimits { tokens: 9, planning: None, rows: ROWS };
-        let plan = StreamPlan::new(&model, &limits);
+        let plan = StreamPlan::new(&model, &limits).expect("the limits are legal");
         let planned = plan.arena_bytes;
         let mut words = vec![0u128; (planned + 4096) / 16];
         let memory: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
@@ -225,9 +226,9 @@ struct StopAt {
 }
 
 impl Observer for StopAt {
-    fn progress(&mut self, _: Progress) -> Flow {
+    fn progress(&mut self, _: Progress) -> ControlFlow<Stop> {
         self.calls += 1;
-        if self.calls == self.at { Flow::Abort } else { Flow::Continue }
+        if self.calls == self.at { ControlFlow::Break(Stop::Abort) } else { ControlFlow::Continue(()) }
     }
 }
 
@@ -240,7 +241,10 @@ fn stopped_at_any_observer_call_the_motion_goes_on_there_and_the_generator_is_us
     let want = whole(&model, &tokens);
     let limits = StreamLimits { tokens: 7, planning: None, rows: ROWS };
     let request = Limits { tokens: 7, anchors: 0, refinement: Default::default(), planning: None, rows: ROWS };
-    let bytes = StreamPlan::new(&model, &limits).arena_bytes.max(Plan::for_request(&model, &request).arena_bytes);
+    let bytes = StreamPlan::new(&model, &limits)
+        .expect("the limits are legal")
+        .arena_bytes
+        .max(Plan::for_request(&model, &request).expect("the limits are legal").arena_bytes);
     let mut arena = vec![0u8; bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
     let good = generator.generate(&Request::tokens(&tokens), &mut ()).unwrap().hash();

@@ -1,16 +1,17 @@
 //! A motion planned piece by piece: each segment is what a request with its context given would make, seams are no rougher
 //! than the rest, and the observer may stop it anywhere.
 
-use motionette::arena::Arena;
 use motionette::hash::Stream;
+use motionette::memory::Arena;
 use motionette::motion::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
 use motionette::planning::{self, PlanningError};
 use motionette::{
-    Error, Fixed, Flow, Frame, Generator, JOINTS, Length, Limits, Model, MotionStream, Observer, Plan, Planning,
-    Progress, ROWS, Request, Segment, Stage, StreamLimits, StreamPlan,
+    Error, Fixed, Frame, Generator, JOINTS, Length, Limits, Model, MotionStream, Observer, Plan, Planning, Progress,
+    ROWS, Request, Segment, Stage, Stop, StreamLimits, StreamPlan,
 };
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
+use std::ops::ControlFlow;
 
 const PAINT: u8 = 0xC3;
 /// Words of the longest prompt in use.
@@ -35,7 +36,10 @@ fn memory(model: &Model<'_>, steps: u16) -> Vec<u8> {
         planning: limits.planning,
         rows: ROWS,
     };
-    let bytes = StreamPlan::new(model, &limits).arena_bytes.max(Plan::for_request(model, &whole).arena_bytes);
+    let bytes = StreamPlan::new(model, &limits)
+        .expect("the limits are legal")
+        .arena_bytes
+        .max(Plan::for_request(model, &whole).expect("the limits are legal").arena_bytes);
     vec![0; bytes + 16]
 }
 
@@ -161,7 +165,7 @@ fn the_arena_is_exactly_as_large_as_the_plan_says() {
     let tiny = tiny();
     let model = Model::open(tiny.bytes()).unwrap();
     let limits = limits(&model, 2);
-    let planned = StreamPlan::new(&model, &limits).arena_bytes;
+    let planned = StreamPlan::new(&model, &limits).expect("the limits are legal").arena_bytes;
     let mut words = vec![0u128; (planned + 4096) / 16];
     let memory: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
     let request = Request::text("a person waves left hand").length(Length::Tokens(6)).steps(2);
@@ -198,18 +202,18 @@ fn the_arena_is_exactly_as_large_as_the_plan_says() {
 /// Wishes for something at call number `at`, and counts.
 struct At {
     at: usize,
-    wish: Flow,
+    wish: ControlFlow<Stop>,
     calls: usize,
     stages: Vec<Stage>,
 }
 
 impl Observer for At {
-    fn progress(&mut self, progress: Progress) -> Flow {
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         self.calls += 1;
         if self.stages.last() != Some(&progress.stage) {
             self.stages.push(progress.stage);
         }
-        if self.calls == self.at { self.wish } else { Flow::Continue }
+        if self.calls == self.at { self.wish } else { ControlFlow::Continue(()) }
     }
 }
 
@@ -221,7 +225,7 @@ fn stopped_at_any_observer_call_a_segment_can_be_planned_again() {
     let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
     let request = |prompt| Request::text(prompt).seed(5).steps(3).length(Length::Tokens(4));
     let good = generator.generate(&request("run"), &mut ()).unwrap().hash();
-    let run = |generator: &mut Generator<'_>, at: usize, wish: Flow| {
+    let run = |generator: &mut Generator<'_>, at: usize, wish: ControlFlow<Stop>| {
         let mut observer = At { at, wish, calls: 0, stages: Vec::new() };
         let mut stream = generator.stream(&limits(&model, 3)).unwrap();
         let mut aborted = 0;
@@ -241,13 +245,13 @@ fn stopped_at_any_observer_call_a_segment_can_be_planned_again() {
         stream.finish();
         (tokens, drain(&mut stream).len(), aborted, observer)
     };
-    let (want, joints, _, whole) = run(&mut generator, usize::MAX, Flow::Abort);
+    let (want, joints, _, whole) = run(&mut generator, usize::MAX, ControlFlow::Break(Stop::Abort));
     assert_eq!(whole.stages, [Stage::Reading, Stage::Planning, Stage::Reading, Stage::Planning]);
     assert!(whole.calls > 20 && want.len() == 8 && joints == 8 * 4 * 3 * JOINTS);
     for at in 1..=whole.calls {
-        let (tokens, _, aborted, _) = run(&mut generator, at, Flow::Abort);
+        let (tokens, _, aborted, _) = run(&mut generator, at, ControlFlow::Break(Stop::Abort));
         assert_eq!((tokens, aborted), (want.clone(), 1), "aborted at call {at}");
-        let (tokens, all, aborted, observer) = run(&mut generator, at, Flow::Finish);
+        let (tokens, all, aborted, observer) = run(&mut generator, at, ControlFlow::Break(Stop::Finish));
         assert!(tokens.iter().all(|&t| t < 11) && observer.calls <= whole.calls);
         assert_eq!((tokens.len(), all, aborted), (8, joints, 0), "finished at call {at}");
         assert_eq!(generator.generate(&request("run"), &mut ()).map(|motion| motion.hash()), Ok(good));
@@ -401,7 +405,7 @@ fn forgetful(model: &Model<'_>, tokens: &[u16]) -> Vec<Frame> {
         let mut u = vec![0.0; tokens.len() * decoder.code_width()];
         model.codebooks().embed(tokens, &mut u).unwrap();
         let mut piece = vec![0.0; tokens.len() * per_token * all.count()];
-        decoder.forward(&u, &all, &mut piece, &mut work, &mut || Ok(())).unwrap();
+        assert!(decoder.forward(&u, &all, &mut piece, &mut work, &mut || ControlFlow::Continue(())).is_continue());
         values.extend(piece);
     }
     let features = Features { values: &values, channels: &all, mean: model.mean(), std: model.std() };

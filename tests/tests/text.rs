@@ -2,19 +2,20 @@
 
 use motionette::blob::{Error as BlobError, TransformerConfig};
 use motionette::hash::Stream;
-use motionette::perception::anchors::AnchorSet;
 use motionette::perception::prompt::PromptError;
 use motionette::perception::text::MAX_PROMPT;
 use motionette::planning::sampling::SamplingError;
 use motionette::planning::{Limits, PlanningError, Session};
 use motionette::refining::Config;
+use motionette::request::conditions::AnchorSet;
 use motionette::{
-    Anchor, Error, Fixed, Flow, Generator, Length, Model, Motion, Observer, Planning, Progress, Prompt, Request,
-    Sampling, Schedule, Stage,
+    Anchor, Error, Fixed, Generator, Length, Model, Motion, Observer, Planning, Progress, Prompt, Request, Sampling,
+    Schedule, Stage, Stop,
 };
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive_prior;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
+use std::ops::ControlFlow;
 
 const CODES: u16 = 11;
 
@@ -163,16 +164,18 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
             _ => Sampling::Gumbel { temperature: 0.8 },
         };
         let anchors = if seed % 2 == 0 { all.as_slice() } else { &[] };
-        let request = Request { anchors, ..base().seed(seed).sampling(sampling).fixed(&fixed).steps(5) };
+        let request = base().seed(seed).sampling(sampling).fixed(&fixed).steps(5).anchors(anchors);
         let got = with(&tiny, |generator| trace(generator, &request));
 
         let limits = Limits { words: 6, steps: 5, guided: true, anchors: true };
         let modules = model.planning().unwrap();
         let mut words = vec![0u128; modules.bytes(6, &limits, ROWS).all() / 16];
-        let mut arena = motionette::arena::Arena::new(bytemuck::cast_slice_mut(&mut words));
+        let mut arena = motionette::memory::Arena::new(bytemuck::cast_slice_mut(&mut words));
         let mut session = Session::new(modules, &mut arena, 6, &limits, ROWS).unwrap();
-        let _ = session.read(&Prompt::Text("a person waves the left hand"), &mut || Ok(())).unwrap();
-        session.anchor(&AnchorSet::new(anchors, 24).unwrap(), 6, &mut || Ok(())).unwrap();
+        let _ = session.read(&Prompt::Text("a person waves the left hand"), &mut || ControlFlow::Continue(())).unwrap();
+        assert!(
+            session.anchor(&AnchorSet::new(anchors, 24).unwrap(), 6, &mut || ControlFlow::Continue(())).is_continue()
+        );
         let mut stream = Stream::new(seed);
         let given = |i: usize| fixed.iter().find(|f| usize::from(f.position) == i).map(|f| f.token);
         let mut z: Vec<u16> = (0..6)
@@ -184,7 +187,7 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
         let mut want = Vec::new();
         for step in 0..5u16 {
             let (t, h) = (f64::from(step) / 5.0, 0.2);
-            session.pass(&z, t as f32, &request.planning, &mut || Ok(())).unwrap();
+            assert!(session.pass(&z, t as f32, &request.planning, &mut || ControlFlow::Continue(())).is_continue());
             for i in 0..6 {
                 let logits: Vec<f64> = session.logits(i).iter().map(|&l| f64::from(l)).collect();
                 let largest = |l: &[f64]| (0..l.len()).rev().max_by(|&a, &b| l[a].total_cmp(&l[b])).unwrap();
@@ -380,25 +383,25 @@ fn painted_memory_is_what_the_plan_says() {
 struct Stopper {
     calls: usize,
     at: usize,
-    wish: Flow,
+    wish: ControlFlow<Stop>,
     stage: Option<Stage>,
     steps: usize,
 }
 
 impl Stopper {
-    fn new(at: usize, wish: Flow) -> Self {
+    fn new(at: usize, wish: ControlFlow<Stop>) -> Self {
         Stopper { calls: 0, at, wish, stage: None, steps: 0 }
     }
 }
 
 impl Observer for Stopper {
-    fn progress(&mut self, progress: Progress) -> Flow {
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         self.calls += 1;
         if self.calls == self.at {
             self.stage = Some(progress.stage);
             return self.wish;
         }
-        Flow::Continue
+        ControlFlow::Continue(())
     }
 
     fn tokens(&mut self, _: u16, _: &[u16]) {
@@ -412,18 +415,18 @@ fn stopping_at_any_observer_call_leaves_the_generator_as_it_was() {
     let fixed = [Fixed { position: 1, token: 6 }];
     let request = base().fixed(&fixed).steps(3).through(&anchors).refined(Config::fast(3));
     with(&tiny(), |generator| {
-        let mut counter = Stopper::new(0, Flow::Continue);
+        let mut counter = Stopper::new(0, ControlFlow::Continue(()));
         let motion = generator.generate(&request, &mut counter).unwrap();
         let (hash, calls) = (motion.hash(), counter.calls);
         assert!(calls > 40, "{calls} calls");
         let mut seen = Vec::new();
         for at in 1..=calls {
-            let mut stopper = Stopper::new(at, Flow::Abort);
+            let mut stopper = Stopper::new(at, ControlFlow::Break(Stop::Abort));
             assert_eq!(generator.generate(&request, &mut stopper).map(|m| m.hash()), Err(Error::Aborted), "call {at}");
             assert_eq!(stopper.calls, at, "an abort is immediate");
             seen.extend(stopper.stage);
 
-            let mut stopper = Stopper::new(at, Flow::Finish);
+            let mut stopper = Stopper::new(at, ControlFlow::Break(Stop::Finish));
             let motion = generator.generate(&request, &mut stopper).unwrap_or_else(|e| panic!("call {at}: {e}"));
             assert!(motion.joints().iter().all(|v| v.is_finite()));
             assert_eq!((motion.tokens().len(), motion.tokens()[1]), (6, 6));
@@ -450,12 +453,12 @@ fn finishing_takes_the_last_proposals() {
     // Finish at the second step's first layer: what comes out is the first step's proposal, as one step alone gives it.
     struct Second(bool);
     impl Observer for Second {
-        fn progress(&mut self, progress: Progress) -> Flow {
+        fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
             if progress.stage == Stage::Planning && progress.evaluation == 2 && !self.0 {
                 self.0 = true;
-                return Flow::Finish;
+                return ControlFlow::Break(Stop::Finish);
             }
-            Flow::Continue
+            ControlFlow::Continue(())
         }
     }
     with(&tiny(), |generator| {
@@ -582,17 +585,17 @@ fn bad_configurations_are_refused_by_name() {
     assert_eq!(config(refused(&|p| p.text.layers = 33, same)), ("transformer.layers", 33, 32));
     assert_eq!(config(refused(&|p| p.max_words = 257, same)), ("text.max_words", 257, 256));
     let words = config(refused(&|p| p.words = vec!["a", "b", "c"], same));
-    assert_eq!(words.0, "text.vocabulary without <none> and <unknown>");
+    assert_eq!(words.0, "text.encoder.table without <none> and <unknown>");
     let words = config(refused(&|p| p.words = vec![], same));
     assert_eq!(words.0, "text.bank without <none>");
     let rows = config(refused(&|p| p.bank = vec![("wave", 8)], same));
     assert_eq!(rows, ("rows of a stored prompt", 9, 8));
     let quantizers = config(refused(&|_| (), &|s| s.quantizers = 2));
-    assert_eq!(quantizers, ("decoder.quantizers with a planner", 2, 1));
+    assert_eq!(quantizers, ("codec.quantizers with a planner", 2, 1));
     let tokens = config(refused(&|_| (), &|s| s.max_tokens = 256));
-    assert_eq!(tokens, ("max_tokens with a planner", 256, 255));
-    assert_eq!(number(refused(&|p| p.c = -1.0, same)), ("planner.sampler.c", -1.0));
-    assert_eq!(number(refused(&|p| p.a = 4.5, same)), ("planner.sampler.a", 4.5));
+    assert_eq!(tokens, ("generator.max_tokens with a planner", 256, 255));
+    assert_eq!(number(refused(&|p| p.c = -1.0, same)), ("generator.c", -1.0));
+    assert_eq!(number(refused(&|p| p.a = 4.5, same)), ("generator.a", 4.5));
     assert_eq!(number(refused(&|p| p.text.epsilon = 0.0, same)), ("transformer.epsilon", 0.0));
     assert!(number(refused(&|p| p.planner.epsilon = f32::NAN, same)).1.is_nan());
 }

@@ -4,7 +4,7 @@
 use std::collections::HashSet;
 
 use motionette::{Generator, Model};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_sim::bundle::Bundle;
 use motionette_sim::twin::{self, Digest};
 

@@ -21,7 +21,7 @@ use candle_core::{Device, Tensor, Var};
 use clap::Parser;
 use motionette::motion::humanml3d;
 use motionette::{Model, Planning};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};
 use motionette_host::output::write_atomic;
 use tract_core::internal::{IntoTValue, TValue, Tensor as TractTensor, tvec};

@@ -1,16 +1,17 @@
 //! The runtime, called as `runtime/examples/speed.rs` calls it.
 
-use anyhow::{Context, Result, anyhow};
-use motionette::arena::Arena;
+use std::ops::ControlFlow;
+
+use anyhow::{Context, Result, ensure};
+use motionette::memory::Arena;
 use motionette::decoding::decoder::Workspace;
 use motionette::hash::Stream;
 use motionette::nn::output::Channels;
 use motionette::planning::session::Modules;
-use motionette::planning::tmd::Step;
 use motionette::planning::{Limits, Session};
 use motionette::refining::{Config, Report};
 use motionette::{Anchors, Generator, Joint, MOST_ROWS, Model, Planning, Prompt, Request, Sampling};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 
 /// What is asked for.
 pub const PROMPT: &str = "a person walks forward and waves the right hand";
@@ -56,8 +57,9 @@ impl<'m> Decoder<'m> {
     /// Never: nobody interrupts.
     pub fn forward(&mut self, latent: &[f32]) -> Result<()> {
         let Self { model, channels, work, features, .. } = self;
-        let done = model.decoder().forward(latent, channels, features, work, &mut || Ok(()));
-        done.map_err(|_| anyhow!("the decoder was interrupted"))
+        let done = model.decoder().forward(latent, channels, features, work, &mut || ControlFlow::Continue(()));
+        ensure!(done.is_continue(), "the decoder was interrupted");
+        Ok(())
     }
 
     /// `dJ/dfeatures` at the last pass to `dJ/dlatent`.
@@ -66,8 +68,9 @@ impl<'m> Decoder<'m> {
     /// Never: nobody interrupts.
     pub fn backward(&mut self, gradient: &[f32]) -> Result<()> {
         let Self { model, channels, work, gradient: du, .. } = self;
-        let done = model.decoder().backward(gradient, channels, du, work, &mut || Ok(()));
-        done.map_err(|_| anyhow!("the decoder was interrupted"))
+        let done = model.decoder().backward(gradient, channels, du, work, &mut || ControlFlow::Continue(()));
+        ensure!(done.is_continue(), "the decoder was interrupted");
+        Ok(())
     }
 }
 
@@ -86,8 +89,8 @@ impl<'m> Planner<'m> {
         let limits = Limits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false };
         let mut arena = Arena::new(memory(modules.bytes(tokens, &limits, MOST_ROWS).all()));
         let mut session = Session::new(modules, &mut arena, tokens, &limits, MOST_ROWS)?;
-        let read = session.read(&Prompt::Text(PROMPT), &mut || Ok(()))?;
-        read.map_err(|_| anyhow!("reading was interrupted"))?;
+        let read = session.read(&Prompt::Text(PROMPT), &mut || ControlFlow::Continue(()))?;
+        ensure!(read.is_continue(), "reading was interrupted");
         Ok(Self { session, stream: Stream::new(2) })
     }
 
@@ -96,8 +99,7 @@ impl<'m> Planner<'m> {
     /// # Errors
     /// Never: nobody interrupts.
     pub fn step(&mut self, tokens: &[u16], time: f32) -> Result<()> {
-        let step = self.session.tmd().step(time, time + 1.0 / f32::from(STEPS));
-        self.advance(tokens, time, &Planning::DEFAULT, Some(&step))
+        self.advance(tokens, time, &Planning::DEFAULT, Some((time, time + 1.0 / f32::from(STEPS))))
     }
 
     /// What the networks do of a step: both passes, the logits of every position and the most probable token of each.
@@ -108,10 +110,10 @@ impl<'m> Planner<'m> {
         self.advance(tokens, time, &Planning { sampling: Sampling::Greedy, ..Planning::DEFAULT }, None)
     }
 
-    fn advance(&mut self, tokens: &[u16], time: f32, planning: &Planning<'_>, step: Option<&Step>) -> Result<()> {
-        let passed = self.session.pass(tokens, time, planning, &mut || Ok(()));
-        passed.map_err(|_| anyhow!("the planner was interrupted"))?;
-        self.session.advance(planning, step, &mut self.stream, &mut tokens.to_vec());
+    fn advance(&mut self, tokens: &[u16], time: f32, planning: &Planning<'_>, times: Option<(f32, f32)>) -> Result<()> {
+        let passed = self.session.pass(tokens, time, planning, &mut || ControlFlow::Continue(()));
+        ensure!(passed.is_continue(), "the planner was interrupted");
+        self.session.advance(planning, times, &mut self.stream, &mut tokens.to_vec());
         Ok(())
     }
 
@@ -143,7 +145,7 @@ impl<'m> Whole<'m> {
         let frames = u16::try_from(model.max_tokens() * model.frames_per_token())?;
         let mut empty = Generator::new(model, &mut [])?;
         empty.set_rows(MOST_ROWS);
-        let bytes = empty.plan(&request(&anchors, frames)?)?.arena_bytes;
+        let bytes = empty.plan(&request(&anchors, frames))?.arena_bytes;
         let mut generator = Generator::new(blob.model()?, memory(bytes))?;
         generator.set_rows(MOST_ROWS);
         Ok(Self { generator, anchors, frames })
@@ -154,13 +156,13 @@ impl<'m> Whole<'m> {
     /// # Errors
     /// When the model refuses the request.
     pub fn generate(&mut self) -> Result<Report> {
-        let motion = self.generator.generate(&request(&self.anchors, self.frames)?, &mut ())?;
+        let motion = self.generator.generate(&request(&self.anchors, self.frames), &mut ())?;
         motion.refinement.context("the request was not refined")
     }
 }
 
-fn request(anchors: &Anchors, frames: u16) -> Result<Request<'_>> {
+fn request(anchors: &Anchors, frames: u16) -> Request<'_> {
     // The whole budget is spent, however near the anchors are.
     let refinement = Config { stop_error: 0.0, ..Config::fast(EVALUATIONS) };
-    Ok(Request::text(PROMPT).frames(frames).seed(7).through(anchors.as_slice()?).refined(refinement))
+    Request::text(PROMPT).frames(frames).seed(7).through(anchors).refined(refinement)
 }

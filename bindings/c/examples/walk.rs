@@ -1,10 +1,11 @@
 //! The desktop's side of `walk.c`: the same request in Rust, without the C library, printed in the same words.
 //! `cargo xtask c` compares what the two print.
 
+use core::ops::ControlFlow;
 use std::{error::Error, fs};
 
-use motionette::{
-    Anchor, Flow, Generator, Joint, Limits, Model, Observer, Plan, Progress, Request, blob::Aligned, planning,
+use motionette::{Stop, 
+    Anchor, Generator, Joint, Limits, Model, Observer, Plan, Progress, Request, blob::Aligned, planning,
     refining::Config,
 };
 
@@ -12,9 +13,9 @@ use motionette::{
 struct Calls(u32);
 
 impl Observer for Calls {
-    fn progress(&mut self, _: Progress) -> Flow {
+    fn progress(&mut self, _: Progress) -> ControlFlow<Stop> {
         self.0 += 1;
-        Flow::Continue
+        ControlFlow::Continue(())
     }
 }
 
@@ -37,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let plan = Plan::for_request(
         &model,
         &Limits { tokens: 15, anchors: 2, refinement: Config::fast(20), planning, rows: motionette::ROWS },
-    );
+    )?;
     println!("plan: {} bytes of arena, {} million multiply-accumulates", plan.arena_bytes, plan.macs / 1_000_000);
 
     let mut arena = vec![0; plan.arena_bytes + 15];

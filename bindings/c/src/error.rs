@@ -2,7 +2,7 @@
 
 use core::ffi::{CStr, c_char};
 
-use motionette::perception::anchors::AnchorError;
+use motionette::request::conditions::AnchorError;
 use motionette::perception::prompt::PromptError;
 use motionette::planning::PlanningError;
 use motionette::refining::SolverError;
@@ -33,8 +33,8 @@ pub enum mtn_error {
     BlobTruncated = 11,
     /// This is no blob. `found`: its first four bytes; `limit`: those of a blob, both read as little-endian numbers.
     NotABlob = 12,
-    /// Another format version: convert the model again. `found`: its major version; `limit`: the one that is
-    /// understood.
+    /// Another format version: `motionette convert OLD.blob -o NEW.blob` lifts an older blob. `found`: its major
+    /// version; `limit`: the one that is understood.
     BlobVersion = 13,
     /// Lengths in the header contradict each other.
     BlobHeader = 14,
@@ -50,6 +50,12 @@ pub enum mtn_error {
     BlobTensor = 18,
     /// The weights could overflow. `index`: the tensor.
     BlobUnbounded = 19,
+    /// A section of the manifest is of a kind that came later: the blob needs a newer library; `motionette inspect` on
+    /// the desk says which section. `found`: the kind; `limit`: the newest one that is known.
+    BlobUnknown = 20,
+    /// The blob needs a family that this library was built without; `motionette inspect` on the desk says which kinds
+    /// the blob has.
+    BlobNotLinked = 21,
 
     /// The arena is too small. `found`: bytes from its first 16-byte boundary; `limit`: bytes the request needs.
     ArenaTooSmall = 30,
@@ -156,13 +162,15 @@ static MESSAGES: &[(mtn_error, &CStr)] = &[
     (mtn_error::BlobMisaligned, c"the blob does not begin on a 16-byte boundary: align it in flash"),
     (mtn_error::BlobTruncated, c"the blob was cut short"),
     (mtn_error::NotABlob, c"this is no motionette blob"),
-    (mtn_error::BlobVersion, c"the blob has another format version: convert the model again"),
+    (mtn_error::BlobVersion, c"the blob has another format version: lift or convert it with `motionette convert`"),
     (mtn_error::BlobHeader, c"lengths in the blob's header contradict each other"),
     (mtn_error::BlobChecksum, c"the blob was damaged: its checksum does not match"),
     (mtn_error::BlobManifest, c"the blob's manifest cannot be read"),
     (mtn_error::BlobConfig, c"the blob has a configuration value that is not supported"),
     (mtn_error::BlobTensor, c"the blob has a tensor of wrong place, shape or value"),
     (mtn_error::BlobUnbounded, c"the blob's weights could overflow"),
+    (mtn_error::BlobUnknown, c"the blob needs a newer library: a section of its manifest is of an unknown kind"),
+    (mtn_error::BlobNotLinked, c"the blob needs a family that this library was built without"),
     (mtn_error::ArenaTooSmall, c"the arena is too small for the request"),
     (mtn_error::FloatingPoint, c"floating point is not in its default state"),
     (mtn_error::Source, c"a request has either a text, or a stored prompt, or tokens"),
@@ -234,6 +242,10 @@ impl From<blob::Error> for mtn_result {
                 mtn_result { found: computed, limit: stored, ..mtn_error::BlobChecksum.into() }
             }
             E::Manifest => mtn_error::BlobManifest.into(),
+            E::Unknown { found, known, .. } => {
+                numbers(mtn_error::BlobUnknown, usize::from(found), usize::from(known.saturating_sub(1)))
+            }
+            E::NotLinked { .. } => mtn_error::BlobNotLinked.into(),
             E::Config { found, limit, .. } => mtn_result { found, limit, ..mtn_error::BlobConfig.into() },
             E::Number { bits, .. } => mtn_result { found: bits, ..mtn_error::BlobConfig.into() },
             E::TensorRange { index } | E::TensorMissing { index } | E::TensorValue { index, .. } => tensor(index),
@@ -310,6 +322,8 @@ impl From<AnchorError> for mtn_result {
             AnchorError::NotFinite { index } => at(mtn_error::AnchorNotFinite, index, 0, 0),
             AnchorError::TooFar { index, limit } => at(mtn_error::AnchorTooFar, index, 0, limit as usize),
             AnchorError::Conflict { first, second } => at(mtn_error::AnchorConflict, second, first, 0),
+            // Times have no way in from C.
+            AnchorError::Time { .. } => mtn_error::Other.into(),
         }
     }
 }

@@ -1,9 +1,10 @@
 //! Making motions and watching them being made.
 
+use core::ops::ControlFlow;
 use core::ffi::c_void;
 
 use motionette::refining::ControlError;
-use motionette::{Flow, Generator, Model, Motion, Observer, Progress, Stage};
+use motionette::{Stop, Generator, Model, Motion, Observer, Progress, Stage};
 
 use crate::error::{mtn_error, mtn_result, report};
 use crate::model::{self, mtn_model};
@@ -275,8 +276,8 @@ struct Watch {
 }
 
 impl Observer for Watch {
-    fn progress(&mut self, progress: Progress) -> Flow {
-        let Some(callback) = self.progress else { return Flow::Continue };
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
+        let Some(callback) = self.progress else { return ControlFlow::Continue(()) };
         let progress = mtn_progress {
             stage: match progress.stage {
                 Stage::Reading => mtn_stage::Reading,
@@ -290,9 +291,9 @@ impl Observer for Watch {
         };
         // SAFETY: the caller of `mtn_generate` promises a function of this type that takes this context.
         match unsafe { callback(self.context, &raw const progress) } {
-            MTN_FLOW_CONTINUE => Flow::Continue,
-            MTN_FLOW_FINISH => Flow::Finish,
-            _ => Flow::Abort,
+            MTN_FLOW_CONTINUE => ControlFlow::Continue(()),
+            MTN_FLOW_FINISH => ControlFlow::Break(Stop::Finish),
+            _ => ControlFlow::Break(Stop::Abort),
         }
     }
 }

@@ -2,11 +2,11 @@
 
 use core::ffi::c_void;
 
-use motionette::perception::anchors::MAX_ANCHORS;
+use motionette::request::conditions::MAX_ANCHORS;
 use motionette::perception::prompt::PromptError;
 use motionette::planning::{self, PlanningError, request::MAX_STEPS};
 use motionette::refining::Config;
-use motionette::{Limits, Model, Plan};
+use motionette::{Error, Limits, Model, Plan};
 
 use crate::error::{mtn_error, mtn_result, report};
 use crate::pointer::{Slot, clamped, place, slice};
@@ -114,7 +114,7 @@ pub unsafe extern "C" fn mtn_model_plan(
         // SAFETY: aligned; the caller promises a value.
         let limits = unsafe { place(limits, 1)?.read() };
         let out = place(plan, 2)?.cast_mut();
-        let plan = Plan::for_request(model, &limits.checked(model)?);
+        let plan = Plan::for_request(model, &limits.checked(model)?).map_err(Error::from)?;
         let plan = mtn_plan {
             arena_bytes: plan.arena_bytes,
             macs: plan.macs,

@@ -4,7 +4,7 @@ use core::ffi::c_char;
 
 use motionette::perception::text::MAX_PROMPT;
 use motionette::refining::Config;
-use motionette::{Anchor, JOINTS, Prompt, Request, Source};
+use motionette::{Anchor, AnchorList, JOINTS, Prompt, Request, Source};
 
 use crate::error::{mtn_error, mtn_result};
 use crate::pointer::{clamped, place, slice};
@@ -14,7 +14,7 @@ pub const MTN_JOINTS: usize = 22;
 /// Most anchors of a request.
 pub const MTN_MAX_ANCHORS: usize = 32;
 
-const _: () = assert!(MTN_JOINTS == JOINTS && MTN_MAX_ANCHORS == motionette::perception::anchors::MAX_ANCHORS);
+const _: () = assert!(MTN_JOINTS == JOINTS && MTN_MAX_ANCHORS == motionette::request::conditions::MAX_ANCHORS);
 
 /// What an anchor holds: one of `MTN_FAMILY_*`.
 pub type mtn_family = u8;
@@ -153,7 +153,7 @@ impl mtn_request {
         if self.frames > 0 {
             request = request.frames(self.frames);
         }
-        request.anchors = anchors.as_slice();
+        request.anchors = AnchorList::Frames(anchors.as_slice());
         request.planning.conditioned = self.unconditioned == 0;
         request.refinement = (self.evaluations > 0).then(|| Config::fast(self.evaluations));
         Ok(request)

@@ -145,6 +145,90 @@ fn blobs_are_refused_with_their_numbers() {
     assert_eq!(open(&mut model, &damaged), result(mtn_error::NotABlob, 0, magic & !0xFF | u32::from(b'?'), magic));
 }
 
+/// Blobs of another format, and of a kind that came later: the first byte of the manifest's first section behind the card.
+#[test]
+fn blobs_of_other_formats_are_refused_with_their_numbers() {
+    let mut model = zeroed();
+    let mut old = BLOB.clone();
+    old[0].0[4] = 3;
+    assert_eq!(open(&mut model, &old), result(mtn_error::BlobVersion, 0, 3, 4));
+    let mut later: Vec<u8> = BLOB.iter().flat_map(|block| block.0).collect();
+    let card: usize = (0..4).fold(32, |at, _| at + varint(&later[at..]));
+    assert_eq!(later[card], 0, "the representation's kind");
+    later[card] = 2;
+    let total = u32::from_le_bytes([later[8], later[9], later[10], later[11]]) as usize;
+    let crc = motionette::blob::Header::checksum(&later[..total]);
+    later[24..28].copy_from_slice(&crc.to_le_bytes());
+    let later: Blocks = later.as_chunks::<16>().0.iter().map(|&chunk| Aligned(chunk)).collect();
+    assert_eq!(open(&mut model, &later), result(mtn_error::BlobUnknown, 0, 2, 0));
+    let missing = motionette::blob::Error::NotLinked { feature: "tmd" };
+    assert_eq!(mtn_result::from(missing), result(mtn_error::BlobNotLinked, 0, 0, 0));
+}
+
+/// Bytes of a string on the wire: its length of one or two bytes, and its content.
+fn varint(bytes: &[u8]) -> usize {
+    let (low, high) = (usize::from(bytes[0]), usize::from(bytes[1]));
+    if low < 128 { 1 + low } else { 2 + (low & 127) + 128 * high }
+}
+
+/// Programs in C were compiled with these numbers: none of them may ever mean something else.
+#[test]
+fn numbers_of_errors_stay_what_they_were() {
+    use mtn_error as E;
+    let numbers = [
+        (E::None, 0),
+        (E::NullPointer, 1),
+        (E::Misaligned, 2),
+        (E::Length, 3),
+        (E::NotOpened, 4),
+        (E::Busy, 5),
+        (E::BlobMisaligned, 10),
+        (E::BlobTruncated, 11),
+        (E::NotABlob, 12),
+        (E::BlobVersion, 13),
+        (E::BlobHeader, 14),
+        (E::BlobChecksum, 15),
+        (E::BlobManifest, 16),
+        (E::BlobConfig, 17),
+        (E::BlobTensor, 18),
+        (E::BlobUnbounded, 19),
+        (E::BlobUnknown, 20),
+        (E::BlobNotLinked, 21),
+        (E::ArenaTooSmall, 30),
+        (E::FloatingPoint, 31),
+        (E::Source, 32),
+        (E::TokenCount, 33),
+        (E::TokenOutOfRange, 34),
+        (E::Aborted, 35),
+        (E::NoPlanner, 40),
+        (E::NoTextEncoder, 41),
+        (E::PromptNotUtf8, 42),
+        (E::PromptEmpty, 43),
+        (E::PromptTooLong, 44),
+        (E::PromptTooManyWords, 45),
+        (E::PromptUnknownWords, 46),
+        (E::PromptNotStored, 47),
+        (E::MotionLength, 48),
+        (E::Steps, 49),
+        (E::Guidance, 50),
+        (E::TooManyAnchors, 60),
+        (E::UnknownFamily, 61),
+        (E::AnchorFrame, 62),
+        (E::AnchorJoint, 63),
+        (E::AnchorNotFinite, 64),
+        (E::AnchorTooFar, 65),
+        (E::AnchorConflict, 66),
+        (E::RefinementLength, 67),
+        (E::RefinementNotFinite, 68),
+        (E::SelfTestFailed, 80),
+        (E::NoSelfTest, 81),
+        (E::Other, 99),
+    ];
+    for (error, number) in numbers {
+        assert_eq!(error as i32, number, "{error:?}");
+    }
+}
+
 #[test]
 fn storage_must_be_opened_and_not_copied() {
     let mut model: Box<mtn_model> = zeroed();

@@ -8,7 +8,7 @@ use motionette::hash::Stream;
 use motionette::motion::Pose;
 use motionette::playback::{Bus, Robot, Start, When};
 use motionette::{Generator, Model, Request};
-use motionette_host::convert::AlignedBlob;
+use motionette_host::blob::AlignedBlob;
 use motionette_host::robot_file;
 
 use super::faults::{Fault, Kind};

@@ -2,8 +2,9 @@
 //! the faults that hit it there.
 
 use motionette::motion::Pose;
-use motionette::{Generator, Model, Observer, Progress, Request};
-use motionette_host::convert::AlignedBlob;
+use motionette::{Generator, Model, Observer, Progress, Request, Stop};
+use motionette_host::blob::AlignedBlob;
+use std::ops::ControlFlow;
 
 use super::faults::Kind;
 
@@ -73,9 +74,9 @@ struct Deadline {
 }
 
 impl Observer for Deadline {
-    fn progress(&mut self, _: Progress) -> motionette::Flow {
+    fn progress(&mut self, _: Progress) -> ControlFlow<Stop> {
         self.left = self.left.saturating_sub(1);
-        if self.left == 0 { motionette::Flow::Finish } else { motionette::Flow::Continue }
+        if self.left == 0 { ControlFlow::Break(Stop::Finish) } else { ControlFlow::Continue(()) }
     }
 }
 

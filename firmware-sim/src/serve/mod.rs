@@ -18,7 +18,7 @@ use clap::Args;
 use motionette::Model;
 use motionette::playback::output::Runner;
 use motionette::playback::{Ends, Feeder, Line, Player, Robot};
-use motionette_host::convert::AlignedBlob;
+use motionette_host::blob::AlignedBlob;
 use motionette_host::robot_file;
 use motionette_link::message::LossAction;
 use motionette_link::server::Silence;

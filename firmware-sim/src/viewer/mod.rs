@@ -1,4 +1,7 @@
 //! The viewer: one HTML file with everything in it, made from the parts under `page/`.
+//!
+//! Why not three.js: a skeleton of 22 lines needs a projection and a canvas, and the file opens without a network.
+//! Once meshes are shown, that library is less work than this.
 
 use crate::intervals::Interval;
 use crate::report::AnchorErrors;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use motionette::Joint;
-use motionette::perception::anchors::AnchorError;
+use motionette::request::conditions::AnchorError;
 
 use crate::motion::{FPS, skeleton};
 use crate::output;

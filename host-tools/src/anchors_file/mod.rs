@@ -28,7 +28,7 @@ mod tests;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use motionette::perception::anchors::{AnchorError, AnchorSet};
+use motionette::request::conditions::{AnchorError, AnchorSet};
 use motionette::{Anchor, Joint, Target};
 use serde::Deserialize;
 

@@ -8,6 +8,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::anchors::{Family, Statistics, VALUES, WIDTH};
 use super::error::{Error, ErrorKind, Result};
 use super::prior::config::{MAX_EXTENT, MAX_LAYERS, MAX_LENGTH, check_extent, check_positive};
 use super::prior::{
@@ -15,8 +16,6 @@ use super::prior::{
 };
 use super::tensors::TensorMap;
 use super::tokenizer::TokenizerCheckpoint;
-use crate::reference::anchors::Family;
-use crate::reference::scaffold::{self, Statistics};
 
 /// Value of `format` in the metadata.
 pub const FORMAT: &str = "motionette-control";
@@ -165,8 +164,8 @@ impl ControlCheckpoint {
         let builder = Builder { map };
         let (width, frame, rank, d) = (config.scaffold.width, config.frame_width, config.rank, config.planner_width);
         let statistics = Statistics {
-            mean: builder.tensor("control.mean", &[scaffold::VALUES])?,
-            std: builder.tensor("control.std", &[scaffold::VALUES])?,
+            mean: builder.tensor("control.mean", &[VALUES])?,
+            std: builder.tensor("control.std", &[VALUES])?,
         };
         if let Some(index) = statistics.std.iter().position(|s| !(s.is_normal() && *s > 0.0)) {
             let value = statistics.std[index];
@@ -187,7 +186,7 @@ impl ControlCheckpoint {
         };
         Ok(Self {
             statistics,
-            frame: builder.linear("control.frame".into(), frame, scaffold::WIDTH)?,
+            frame: builder.linear("control.frame".into(), frame, WIDTH)?,
             merge: builder.linear("control.merge".into(), width, FRAMES * frame)?,
             position: builder.embedding("control.position", config.max_tokens, width)?,
             layers: builder.layers("control", config.scaffold, None)?,

@@ -31,12 +31,10 @@ pub enum ErrorKind {
     #[error("not a valid safetensors file: {0}; the file is damaged or was cut short")]
     Safetensors(String),
     /// The zip container is damaged or uses something that `torch.save` does not write.
-    #[error("zip container, {what} at byte {at}; the file is damaged or was not written by torch.save")]
+    #[error("zip container, {what}; the file was cut short, is damaged, or was not written by torch.save")]
     Zip {
-        /// What is wrong.
+        /// What is wrong, and with which entry.
         what: String,
-        /// Byte offset in the file.
-        at: usize,
     },
     /// The pickle inside a torch container is damaged or asks for something that is not data.
     #[error("data.pkl, {what} at byte {at}; only plain state dictionaries can be read")]

@@ -5,8 +5,9 @@
 //! checked before it is used, and errors name the tensor or option, what was expected and what was found.
 //!
 //! The layers, from bytes up: [`zip`] and [`pickle`] (torch containers), [`torch`] and [`safetensors`] (named tensors),
-//! [`options`] and [`config`] (sizes), [`tokenizer`], [`prior`] and [`control`] (the checked networks).
+//! [`options`], [`config`] and [`anchors`] (sizes, scales, families), [`tokenizer`], [`prior`] and [`control`] (the checked networks).
 
+pub mod anchors;
 pub mod config;
 pub mod control;
 pub mod error;

@@ -4,6 +4,9 @@
 //! uses (protocol 2 and the plain ones of 4), builds values in a pool addressed by index (so sharing and cycles cost
 //! nothing and nothing recurses), and "calls" only the names of `Global`: containers become containers, a tensor becomes a
 //! description of where its bytes lie. Any other name is an error; nothing is executed.
+//!
+//! Why not a library: a general reader builds whatever a pickle asks for and leaves it to the caller to distrust the result. Here the
+//! list of permitted names is the reader, and what is not on it is refused with its place in the file.
 
 use std::collections::HashMap;
 

@@ -15,21 +15,21 @@ const STATE_KEYS: &[&str] = &["vq_model", "net", "state_dict", "model"];
 /// # Errors
 /// Damaged zip or pickle, forbidden names, no state dictionary, tensors that do not fit their storage.
 pub fn read(bytes: &[u8]) -> Result<TensorMap> {
-    let archive = Archive::open(bytes)?;
+    let mut archive = Archive::open(bytes)?;
     let name = archive
         .names()
         .find(|n| n.ends_with("/data.pkl") || *n == "data.pkl")
-        .ok_or_else(|| ErrorKind::Zip { what: "no entry data.pkl".into(), at: 0 })?
+        .ok_or_else(|| ErrorKind::Zip { what: "no entry data.pkl".into() })?
         .to_owned();
     let root = name.strip_suffix("data.pkl").unwrap_or_default();
     if let Some(order) = archive.read(&format!("{root}byteorder"))?
         && order != b"little"
     {
-        let what = format!("byte order `{}`, expected `little`", String::from_utf8_lossy(order));
-        return Err(ErrorKind::Zip { what, at: 0 });
+        let what = format!("byte order `{}`, expected `little`", String::from_utf8_lossy(&order));
+        return Err(ErrorKind::Zip { what });
     }
     let program = archive.read(&name)?.unwrap_or_default();
-    let pickle = Pickle::parse(program)?;
+    let pickle = Pickle::parse(&program)?;
     let mut map = TensorMap::default();
     for (name, id) in pickle.entries(state_dict(&pickle)?) {
         let Value::Tensor(tensor) = pickle.value(id) else { continue };
@@ -39,7 +39,7 @@ pub fn read(bytes: &[u8]) -> Result<TensorMap> {
             what: format!("its storage `{entry}` is not in the archive"),
         })?;
         // Integer tensors (counters of an optimiser or a batch norm) are no weights.
-        match gather(name, tensor, storage)? {
+        match gather(name, tensor, &storage)? {
             Some(tensor) => map.insert(name, tensor),
             None => map.insert_other(name, tensor.element.name),
         }

@@ -1,22 +1,24 @@
 //! `motionette convert`: a checkpoint into a blob.
 
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, ValueEnum};
+use motionette::blob::{MAJOR, MINOR};
 use serde_json::{Value, json};
 
 use super::model::{CheckpointFiles, grouped};
 use super::{bar, say};
 use crate::checkpoint::{PriorCheckpoint, control, prior};
-use crate::convert::{self, CardText, Options, PriorSource, Rounding, bank, calibration};
-use crate::dataset::{Dataset, Split};
+use crate::convert::{self, CardText, Options, PriorSource, Rounding, bank, calibration, lift};
+use crate::dataset::{Dataset, Split, captioned};
 use crate::output::write_atomic;
 use crate::reference::Prior;
-use crate::verify::planner;
 
-/// Quantises a tokenizer checkpoint, and a prior if one is given, and writes the blob that devices run.
+/// Quantises a tokenizer checkpoint, and a prior if one is given, and writes the blob that devices run; or lifts an older blob.
 ///
 /// Reads our own checkpoints, MoMask's RVQ-VAE (.tar or .safetensors with opt.txt) and T2M-GPT's VQ-VAE (.pth or .safetensors with
 /// t2mgpt_args.json). With a dataset, rounding is calibrated on its train split; without, on random tokens.
@@ -25,10 +27,13 @@ use crate::verify::planner;
 /// under their names; with --no-text-encoder these are all that the blob can be asked for. With the prior's control anchors do not only
 /// bend what was planned, the planner sees them.
 ///
+/// A blob of format 3 in place of the checkpoint becomes one of format 4 with the same weights, whose hash is printed for both; nothing
+/// but -o goes with it: motionette convert old.blob -o new.blob
+///
 /// Example: motionette convert nano.safetensors --prior nano.prior.safetensors --calibration data/pack.mds -o nano.blob
 #[derive(Debug, Args)]
 pub(super) struct Cmd {
-    /// The checkpoint.
+    /// The checkpoint, or a blob of format 3.
     checkpoint: PathBuf,
     /// The blob to write.
     #[arg(short, long, value_name = "FILE")]
@@ -54,7 +59,7 @@ pub(super) struct Cmd {
     #[arg(long)]
     name: Option<String>,
     /// Licence of the weights in the card.
-    #[arg(long, default_value = "unknown")]
+    #[arg(long, default_value = UNKNOWN)]
     licence: String,
     /// Data of the weights in the card; else the hash of the training data.
     #[arg(long)]
@@ -74,6 +79,9 @@ pub(super) struct Cmd {
     no_bias_correction: bool,
 }
 
+/// Licence in a card where none is given.
+const UNKNOWN: &str = "unknown";
+
 /// Roundings by name.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Way {
@@ -87,6 +95,9 @@ enum Way {
 
 impl Cmd {
     pub(super) fn run(self) -> Result<Value> {
+        if begins_like_a_blob(&self.checkpoint) {
+            return self.lift();
+        }
         let checkpoint = self.files.load(&self.checkpoint)?;
         let prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
         if let Some(prior) = &prior {
@@ -117,7 +128,7 @@ impl Cmd {
         let cases = match (&dataset, &prior) {
             (Some(dataset), Some(prior)) if options.calibrates_planner() => {
                 let reference = Prior::<f32>::new(prior, &checkpoint);
-                planner::cases(&checkpoint, &reference, dataset, Split::Train, calibration::CASES, false)?
+                captioned::choose(&checkpoint, &reference, dataset, Split::Train, calibration::CASES, false)?
             }
             _ => Vec::new(),
         };
@@ -171,6 +182,51 @@ impl Cmd {
             "checkpoint": card.checkpoint,
         }))
     }
+
+    /// Writes a blob of the format before this one anew.
+    fn lift(self) -> Result<Value> {
+        ensure!(!self.asks_for_more(), "{} is a blob: nothing but -o goes with it", self.checkpoint.display());
+        let what = || format!("lifting the blob {}", self.checkpoint.display());
+        let lifted = lift::lift(&std::fs::read(&self.checkpoint).with_context(what)?).with_context(what)?;
+        let bytes = lifted.blob.bytes();
+        write_atomic(&self.output, |w| w.write_all(bytes)).context("writing the blob")?;
+        let ([major, minor], [old, new]) = (lifted.from, &lifted.hashes);
+        say(&format!("format {major}.{minor} to {MAJOR}.{MINOR}, {} bytes of weights", grouped(lifted.weights as u64)));
+        say(&format!("  SHA-256 of the old weight section  {old}"));
+        say(&format!("  SHA-256 of the new weight section  {new}"));
+        say(&format!("{} bytes to {}", grouped(bytes.len() as u64), self.output.display()));
+        Ok(json!({
+            "output": self.output,
+            "bytes": bytes.len(),
+            "from": format!("{major}.{minor}"),
+            "version": format!("{MAJOR}.{MINOR}"),
+            "weights": lifted.weights,
+            "old_weights_sha256": old,
+            "new_weights_sha256": new,
+        }))
+    }
+
+    /// Whether an option was given that means something for checkpoints alone.
+    fn asks_for_more(&self) -> bool {
+        let paths = [&self.calibration, &self.prior, &self.control, &self.bank];
+        let texts = [&self.name, &self.data];
+        paths.into_iter().any(Option::is_some)
+            || texts.into_iter().any(Option::is_some)
+            || self.files.given()
+            || self.licence != UNKNOWN
+            || self.planner_bits != 8
+            || !matches!(self.rounding, Way::Feedback)
+            || self.no_text_encoder
+            || self.no_refit
+            || self.no_bias_correction
+    }
+}
+
+/// Whether the file is a blob; what cannot be read is not.
+fn begins_like_a_blob(path: &Path) -> bool {
+    let mut first = [0; 4];
+    let read = File::open(path).and_then(|mut file| file.read_exact(&mut first));
+    read.is_ok() && lift::is_blob(&first)
 }
 
 /// Reads and encodes a bank file; says which words the vocabulary does not have.

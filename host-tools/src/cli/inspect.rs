@@ -8,9 +8,12 @@ use serde_json::Value;
 
 use super::model::{CheckpointFiles, grouped};
 use super::say;
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
 use crate::checkpoint::{control, prior};
 use crate::inspect::{self, ControlInfo, Inspection, LayerInfo, PriorInfo};
+
+/// Joints of the left leg in the skeleton below the hip: knee, ankle.
+const LEG: [usize; 2] = [4, 7];
 
 /// Shows every tensor of a blob, its size and range, the work of every layer, and what quantisation cost it.
 ///
@@ -62,14 +65,18 @@ impl Cmd {
 
 fn show(i: &Inspection) {
     say(&format!("{}  format {}  {} bytes", i.name, i.version, grouped(i.bytes as u64)));
-    say(&format!("  decoder     {}", i.decoder));
+    let length = |[x, y, z]: [f32; 3]| (x * x + y * y + z * z).sqrt();
+    let leg: f32 = LEG.iter().filter_map(|&joint| i.skeleton.get(joint)).map(|&bone| length(bone)).sum();
+    say(&format!("  frames      {}, {} a second; a body with legs of {leg:.3} m", i.representation, i.frame_rate));
+    say(&format!("  decoder     {}, {}", i.codec, i.decoder));
+    say(&format!("  padding     {}", padding(&i.padding)));
     if let Some(p) = &i.prior {
         show_prior(p);
     }
     if let Some(c) = &i.control {
         show_control(c);
     }
-    say(&format!("  motion      {} frames/s, at most {} tokens", i.frame_rate, i.max_tokens));
+    say(&format!("  tokens      {}, at most {} of {} frames", i.generator, i.max_tokens, i.frames_per_token));
     say(&format!("  licence     {}", i.licence));
     say(&format!("  data        {}", i.data));
     say(&format!("  checkpoint  {}", i.checkpoint));
@@ -97,6 +104,15 @@ fn show(i: &Inspection) {
     }
 }
 
+/// Rows back and ahead of each convolution; once, where all look as far ahead as back.
+fn padding(padding: &[[u16; 2]]) -> String {
+    let symmetrical = padding.iter().all(|[left, right]| left == right);
+    let each =
+        padding.iter().map(|[left, right]| if symmetrical { left.to_string() } else { format!("{left}+{right}") });
+    let each = each.collect::<Vec<_>>().join(" ");
+    if symmetrical { format!("symmetrical, {each} rows either way") } else { format!("{each} rows back and ahead") }
+}
+
 fn show_control(c: &ControlInfo) {
     let context = if c.context { "dual context" } else { "no dual context" };
     let families: Vec<String> = c.families.iter().map(|f| f.to_string()).collect();
@@ -107,7 +123,12 @@ fn show_control(c: &ControlInfo) {
 fn show_prior(p: &PriorInfo) {
     match &p.text {
         Some(text) => {
-            say(&format!("  text        {text}; {} words, prompts of at most {}", p.vocabulary.len(), p.max_words));
+            let kind = p.table.unwrap_or_default();
+            say(&format!(
+                "  text        {text}; table of {} {kind}, prompts of at most {}",
+                p.vocabulary.len(),
+                p.max_words
+            ));
         }
         None => say("  text        no encoder"),
     }
@@ -115,7 +136,7 @@ fn show_prior(p: &PriorInfo) {
         say(&format!("  prompts     {} stored: {}", p.bank.len(), p.bank.join(", ")));
     }
     if let Some(planner) = &p.planner {
-        say(&format!("  planner     {planner}"));
+        say(&format!("  planner     {planner}, guided by {}", p.guidance.unwrap_or_default()));
     }
 }
 

@@ -12,7 +12,7 @@ use motionette::{Anchor, Generator, Model, Request};
 
 use super::say;
 use crate::anchors_file;
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
 use crate::motion::Pose;
 
 /// The motion that is asked for. Commands say which of these they need.

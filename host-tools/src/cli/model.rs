@@ -22,6 +22,11 @@ pub(super) struct CheckpointFiles {
 }
 
 impl CheckpointFiles {
+    /// Whether any was named.
+    pub(super) const fn given(&self) -> bool {
+        self.options.is_some() || self.mean.is_some() || self.std.is_some()
+    }
+
     pub(super) fn load(&self, path: &Path) -> Result<TokenizerCheckpoint> {
         let companions = Companions { options: self.options.clone(), mean: self.mean.clone(), std: self.std.clone() };
         checkpoint::load_with(path, &companions).context("reading the checkpoint")

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use super::model::grouped;
 use super::say;
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
 use crate::output::write_atomic;
 use crate::plan::{self, Share};
 use crate::robot_file;

@@ -9,9 +9,9 @@ use serde_json::Value;
 use super::model::CheckpointFiles;
 use super::{bar, say};
 use crate::agreement::ClipAgreement;
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
 use crate::checkpoint::{control, prior};
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Split, captioned};
 use crate::reference::Prior;
 use crate::verify::{self, Verification, planner};
 
@@ -101,7 +101,7 @@ impl Cmd {
             let reference = Prior::<f32>::new(prior, &checkpoint);
             let compare = |control| -> Result<planner::Report> {
                 let anchored = Option::is_some(&control);
-                let cases = planner::cases(&checkpoint, &reference, &dataset, self.split, self.planner, anchored)?;
+                let cases = captioned::choose(&checkpoint, &reference, &dataset, self.split, self.planner, anchored)?;
                 let progress = bar(3 * cases.len() as u64, "planner runs");
                 let report = planner::verify(&blob, &checkpoint, prior, control, &cases, || progress.inc(1))?;
                 progress.finish_and_clear();

@@ -1,78 +1,43 @@
-//! Writes the blob: header, manifest, tensors (`runtime/src/blob/FORMAT.md`).
+//! What of a checkpoint goes into the manifest and the tensors of a blob (`runtime/src/blob/FORMAT.md`).
 
 use motionette::blob::{
-    ALIGNMENT, Activation, Card, ControlConfig, DType, DecoderConfig, HEADER_LEN, Header, MAJOR, MAX_BLOCKS,
-    MAX_STAGES, MINOR, Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry, TextConfig,
-    TransformerConfig,
+    ALIGNMENT, Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator as GeneratorConfig, Guidance,
+    HumanMl3d, MAX_BLOCKS, MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SKELETON_BYTES,
+    SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextLength, TextTable, TransformerConfig,
 };
 use motionette::hash::Stream;
 use motionette::{Generator, Limits, Model, Plan, Request};
 
-use super::conv1d::{QuantisedConv1d, pack, split};
 use super::prior::{QuantisedPart, QuantisedPrior};
 use super::{CardText, Error, MAX_TOKENS, PriorSource};
+use crate::blob::layer::{pack, split};
+use crate::blob::write::{self as blob, Tensor, narrow};
+use crate::blob::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::prior::{self, NormOrder};
 use crate::checkpoint::{ControlCheckpoint, TokenizerCheckpoint};
+use crate::motion::uniform;
 
 /// Seed of the self-test's tokens.
 const SELF_TEST_SEED: u32 = 1;
 /// Numbers (tokens times quantizers) of a self-test request at most.
 const SELF_TEST_NUMBERS: usize = 24;
 
-/// A blob in memory, on the boundary that the runtime asks for.
-#[derive(Debug, Clone)]
-pub struct AlignedBlob {
-    words: Vec<u128>,
-    len: usize,
-}
-
-impl AlignedBlob {
-    /// Copies `bytes` to an aligned place.
-    #[must_use]
-    pub fn new(bytes: &[u8]) -> Self {
-        let words = bytes
-            .chunks(ALIGNMENT)
-            .map(|chunk| {
-                let mut word = [0; ALIGNMENT];
-                word[..chunk.len()].copy_from_slice(chunk);
-                u128::from_le_bytes(word)
-            })
-            .collect();
-        Self { words, len: bytes.len() }
-    }
-
-    /// The blob.
-    #[must_use]
-    pub fn bytes(&self) -> &[u8] {
-        &bytemuck::cast_slice(&self.words)[..self.len]
-    }
-}
-
-/// A tensor waiting for its place.
-struct Tensor {
-    name: String,
-    dtype: DType,
-    shape: [u16; 3],
-    bytes: Vec<u8>,
-}
-
 /// Everything of a manifest that does not depend on bytes.
 struct Facts<'a> {
     card: &'a CardText,
     frame_rate: u16,
-    max_tokens: u16,
+    skeleton: [u8; SKELETON_BYTES],
     decoder: DecoderConfig,
     text: Option<Text>,
-    planner: Option<PlannerConfig>,
-    control: Option<ControlConfig>,
+    generator: GeneratorConfig,
 }
 
 /// [`TextConfig`] with text of its own.
 struct Text {
     width: u16,
     max_words: u16,
-    vocabulary: String,
-    encoder: Option<TransformerConfig>,
+    /// Vocabulary and blocks.
+    encoder: Option<(String, TransformerConfig)>,
     bank: String,
 }
 
@@ -95,14 +60,16 @@ pub fn write(
     let facts = Facts {
         card,
         frame_rate: checkpoint.config.fps.round() as u16,
-        max_tokens: narrow(source.map_or(MAX_TOKENS, |s| s.checkpoint.config.max_tokens), "longest motion")?,
+        skeleton: skeleton_bytes(),
         decoder: decoder_config(checkpoint)?,
         text: source.map(text_config).transpose()?,
-        planner: source.map(planner_config).transpose()?,
-        control: source.and_then(|s| s.control).map(control_config).transpose()?,
+        generator: match source {
+            Some(source) => GeneratorConfig::Tmd(planner_config(source)?),
+            None => GeneratorConfig::Given { max_tokens: narrow(MAX_TOKENS, "longest motion")? },
+        },
     };
     let quantizers = checkpoint.config.quantizers;
-    let tokens = (SELF_TEST_NUMBERS / quantizers).max(1).min(usize::from(facts.max_tokens));
+    let tokens = (SELF_TEST_NUMBERS / quantizers).max(1).min(usize::from(facts.generator.max_tokens()));
     let mut self_test = SelfTest { seed: SELF_TEST_SEED, tokens: tokens as u16, hash: 0 };
     let first = assemble(&tensors, &facts, self_test)?;
     self_test.hash = run_self_test(first.bytes(), &self_test)?;
@@ -123,21 +90,13 @@ fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
         planning: None,
         rows: motionette::ROWS,
     };
-    let mut arena = vec![0_u128; Plan::for_request(&model, &limits).arena_bytes.div_ceil(ALIGNMENT)];
+    let plan = Plan::for_request(&model, &limits).map_err(|e| Error::SelfTest(e.into()))?;
+    let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(ALIGNMENT)];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(Error::SelfTest)?;
     Ok(generator.generate(&Request::tokens(&tokens), &mut ()).map_err(Error::SelfTest)?.hash())
 }
 
 fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Result<AlignedBlob, Error> {
-    let mut weights: Vec<u8> = Vec::new();
-    let mut table = Vec::new();
-    for tensor in tensors {
-        weights.resize(weights.len().next_multiple_of(ALIGNMENT), 0);
-        let offset = narrow(weights.len(), "weight section")?;
-        let entry = TensorEntry { name: &tensor.name, dtype: tensor.dtype, shape: tensor.shape, offset };
-        table.extend(postcard::to_stdvec(&entry)?);
-        weights.extend_from_slice(&tensor.bytes);
-    }
     let manifest = Manifest {
         card: Card {
             name: &facts.card.name,
@@ -145,41 +104,32 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
             data: &facts.card.data,
             checkpoint: &facts.card.checkpoint,
         },
-        representation: Representation::HumanMl3d,
-        frame_rate: facts.frame_rate,
-        max_tokens: facts.max_tokens,
-        decoder: facts.decoder.clone(),
+        representation: Representation::HumanMl3d(HumanMl3d {
+            frame_rate: facts.frame_rate,
+            skeleton: Skeleton::new(&facts.skeleton),
+        }),
+        codec: Codec::Vq(facts.decoder.clone()),
         text: facts.text.as_ref().map(|t| TextConfig {
             width: t.width,
             max_words: t.max_words,
-            vocabulary: &t.vocabulary,
-            encoder: t.encoder,
-            bank: &t.bank,
+            encoder: t.encoder.as_ref().map(|(words, transformer)| TextEncoderConfig {
+                table: TextTable::Words(words),
+                transformer: *transformer,
+            }),
+            length: TextLength::Head,
+            bank: PhraseBank::Prompts(&t.bank),
         }),
-        planner: facts.planner,
-        control: facts.control,
+        generator: facts.generator,
         self_test,
         tensor_count: narrow::<u16>(tensors.len(), "number of tensors")?,
     };
-    let mut text = postcard::to_stdvec(&manifest)?;
-    text.extend(table);
-    let offset = (HEADER_LEN + text.len()).next_multiple_of(ALIGNMENT);
-    let mut header = Header {
-        major: MAJOR,
-        minor: if tensors.iter().any(|t| t.dtype == DType::I4) { MINOR } else { 0 },
-        total_len: narrow(offset + weights.len(), "blob")?,
-        manifest_len: narrow(text.len(), "manifest")?,
-        weights_offset: narrow(offset, "manifest")?,
-        weights_len: narrow(weights.len(), "weight section")?,
-        crc: 0,
-    };
-    let mut blob = header.emit().to_vec();
-    blob.extend(text);
-    blob.resize(offset, 0);
-    blob.extend(weights);
-    header.crc = Header::checksum(&blob);
-    blob[..HEADER_LEN].copy_from_slice(&header.emit());
-    Ok(AlignedBlob::new(&blob))
+    Ok(blob::write(&manifest, tensors)?)
+}
+
+/// HumanML3D's body, to which every motion was brought before training, as a manifest holds it.
+pub(super) fn skeleton_bytes() -> [u8; SKELETON_BYTES] {
+    let mut bytes = uniform::rest_offsets().into_iter().flatten().flat_map(|v| (v as f32).to_le_bytes());
+    std::array::from_fn(|_| bytes.next().unwrap_or_default())
 }
 
 fn decoder_config(checkpoint: &TokenizerCheckpoint) -> Result<DecoderConfig, Error> {
@@ -197,29 +147,30 @@ fn decoder_config(checkpoint: &TokenizerCheckpoint) -> Result<DecoderConfig, Err
     if c.down_t > MAX_STAGES {
         return Err(Error::Limit { what: "stages", found: c.down_t, allowed: format!("at most {MAX_STAGES}") });
     }
-    Ok(DecoderConfig {
+    let mut config = DecoderConfig {
         width: narrow(c.width, "decoder width")?,
         code_width: narrow(c.code_dim, "code width")?,
         codes: narrow(c.codes, "number of codes")?,
         quantizers: narrow(c.quantizers, "number of quantizers")?,
         stages: narrow(c.down_t, "stages")?,
         dilations,
+        padding: heapless::Vec::new(),
         features: narrow(c.features, "number of features")?,
-    })
+    };
+    config.padding = config.symmetrical();
+    Ok(config)
 }
 
 fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
     let c = &source.checkpoint.config;
     let names: Vec<&str> = source.bank.iter().map(|e| e.name.as_str()).collect();
-    let (vocabulary, encoder) = if source.text_encoder {
-        (c.vocabulary.join("\n"), Some(transformer_config(c.form(), c.text)?))
-    } else {
-        (String::new(), None)
+    let encoder = match source.text_encoder {
+        true => Some((c.vocabulary.join("\n"), transformer_config(c.form(), c.text)?)),
+        false => None,
     };
     Ok(Text {
         width: narrow(c.text.width, "width of the text encoder")?,
         max_words: narrow(c.max_words, "longest prompt")?,
-        vocabulary,
         encoder,
         bank: names.join("\n"),
     })
@@ -227,8 +178,14 @@ fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
 
 fn planner_config(source: &PriorSource<'_>) -> Result<PlannerConfig, Error> {
     let c = &source.checkpoint.config;
-    let sampler = Sampler::Tmd { c: c.c as f32, a: c.a as f32 };
-    Ok(PlannerConfig { transformer: transformer_config(c.form(), c.planner)?, sampler })
+    Ok(PlannerConfig {
+        max_tokens: narrow(c.max_tokens, "longest motion")?,
+        transformer: transformer_config(c.form(), c.planner)?,
+        c: c.c as f32,
+        a: c.a as f32,
+        guidance: Guidance::TwoPass,
+        control: source.control.map(control_config).transpose()?,
+    })
 }
 
 fn control_config(control: &ControlCheckpoint) -> Result<ControlConfig, Error> {
@@ -284,8 +241,8 @@ fn push_prior(tensors: &mut Vec<Tensor>, source: &PriorSource<'_>, prior: &Quant
     }
     prior.planner.iter().try_for_each(|part| push_part(tensors, part))?;
     if let Some(control) = source.control {
-        tensors.push(singles("control.mean".into(), &control.statistics.mean)?);
-        tensors.push(singles("control.std".into(), &control.statistics.std)?);
+        tensors.push(Tensor::vector("control.mean".into(), &control.statistics.mean)?);
+        tensors.push(Tensor::vector("control.std".into(), &control.statistics.std)?);
     }
     prior.control.iter().try_for_each(|part| push_part(tensors, part))
 }
@@ -299,21 +256,22 @@ fn push_part(tensors: &mut Vec<Tensor>, part: &QuantisedPart) -> Result<(), Erro
             tensors.pop();
         }
         QuantisedPart::Norm(norm) => {
-            tensors.push(singles(format!("{}.weight", norm.name), &norm.weight)?);
-            tensors.push(singles(format!("{}.bias", norm.name), &norm.bias)?);
+            tensors.push(Tensor::vector(format!("{}.weight", norm.name), &norm.weight)?);
+            tensors.push(Tensor::vector(format!("{}.bias", norm.name), &norm.bias)?);
         }
     }
     Ok(())
 }
 
 fn tensors(checkpoint: &TokenizerCheckpoint, layers: &[QuantisedConv1d]) -> Result<Vec<Tensor>, Error> {
-    let statistics = checkpoint.statistics.as_ref().ok_or(crate::reference::road::RoadError::NoStatistics)?;
+    let statistics =
+        checkpoint.statistics.as_ref().ok_or(crate::reference::decode_path::DecodePathError::NoStatistics)?;
     let std: Vec<f32> = statistics.std.iter().map(|&s| s as f32).collect();
     if let Some(channel) = std.iter().position(|s| !(s.is_normal() && *s > 0.0)) {
         return Err(Error::Std { channel, value: statistics.std[channel] });
     }
     let mean: Vec<f32> = statistics.mean.iter().map(|&m| m as f32).collect();
-    let mut tensors = vec![singles("mean".into(), &mean)?, singles("std".into(), &std)?];
+    let mut tensors = vec![Tensor::vector("mean".into(), &mean)?, Tensor::vector("std".into(), &std)?];
     let width = checkpoint.config.code_dim;
     for (quantizer, book) in checkpoint.codebooks.iter().enumerate() {
         let mut bytes = Vec::with_capacity(2 * book.len());
@@ -358,18 +316,7 @@ fn push_layer(tensors: &mut Vec<Tensor>, layer: &QuantisedConv1d) -> Result<(), 
         let name = format!("{}.weight", layer.name);
         tensors.push(Tensor { name, dtype, shape: shape(layer.outputs - layer.wide)?, bytes });
     }
-    tensors.push(singles(format!("{}.scale", layer.name), &layer.scales)?);
-    tensors.push(singles(format!("{}.bias", layer.name), &layer.bias)?);
+    tensors.push(Tensor::vector(format!("{}.scale", layer.name), &layer.scales)?);
+    tensors.push(Tensor::vector(format!("{}.bias", layer.name), &layer.bias)?);
     Ok(())
-}
-
-fn singles(name: String, values: &[f32]) -> Result<Tensor, Error> {
-    let shape = [1, 1, narrow(values.len(), "length of a vector")?];
-    Ok(Tensor { name, dtype: DType::F32, shape, bytes: values.iter().flat_map(|v| v.to_le_bytes()).collect() })
-}
-
-/// A size in the format's own integer type.
-fn narrow<T: TryFrom<usize>>(found: usize, what: &'static str) -> Result<T, Error> {
-    let bits = 8 * size_of::<T>();
-    T::try_from(found).map_err(|_| Error::Limit { what, found, allowed: format!("{bits} bits") })
 }

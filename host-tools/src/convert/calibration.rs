@@ -1,4 +1,4 @@
-//! Latents that stand for what the decoder will meet: tokens of training clips, or of nothing better random ones.
+//! Latents like those that the decoder will receive: from tokens of training clips, or from random tokens where there is no dataset.
 
 use motionette::hash::Stream;
 
@@ -15,7 +15,7 @@ pub const CASES: usize = 128;
 const RANDOM_SEQUENCES: usize = 48;
 /// Tokens of a random sequence.
 const RANDOM_TOKENS: usize = 24;
-/// Frames a clip needs to be of use: a handful of tokens.
+/// Fewest frames of a clip that is used: a handful of tokens.
 const LEAST_FRAMES: usize = 32;
 /// Share of tokens that are moved towards another code, as a solver would.
 const MOVED_SHARE: f32 = 0.15;

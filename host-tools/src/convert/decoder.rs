@@ -1,9 +1,10 @@
-//! The whole decoder, layer by layer in order of execution, each seeing what the quantised layers before it make of the data.
+//! The whole decoder, layer by layer in order of execution. Each layer is calibrated on the output of the quantised layers before it.
 
+use crate::blob::QuantisedConv1d;
 use crate::checkpoint;
 use crate::reference::conv1d::{Conv1d, Geometry};
 
-use super::conv1d::{Options, QuantisedConv1d};
+use super::conv1d::Options;
 use super::moments::Moments;
 
 /// Most observations a layer is calibrated with; more rows than that are thinned out evenly.
@@ -103,8 +104,8 @@ pub fn quantise(
     layers
 }
 
-/// Quantises one layer and carries all samples through it. With `add`, what was kept is added to the output, and the layer is asked to
-/// make up for the difference between what both decoders kept.
+/// Quantises one layer and runs all samples through it. With `add` the kept input of the residual block is added to the output, and the
+/// layer is fitted to compensate also for the difference between the inputs that the exact and the quantised decoder kept.
 fn layer(
     conv: &checkpoint::Conv1d,
     geometry: Geometry,
@@ -132,7 +133,7 @@ fn layer(
     result
 }
 
-/// Moments of the layer's input in the quantised decoder and of the output that would make up for all error so far.
+/// Moments of the layer's input in the quantised decoder, and of the output that would cancel all error so far.
 fn observe(conv: &checkpoint::Conv1d, geometry: Geometry, samples: &[Sample], add: bool) -> Moments {
     let (inputs, outputs, kernel) = (conv.inputs, conv.outputs, conv.kernel);
     let mut moments = Moments::new(inputs * kernel, outputs);

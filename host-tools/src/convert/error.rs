@@ -1,6 +1,6 @@
 //! Why a checkpoint could not become a blob.
 
-use crate::reference::road::RoadError;
+use crate::reference::decode_path::DecodePathError;
 use crate::reference::tokenizer::EncodeError;
 
 /// A conversion failed. Nothing was written.
@@ -18,7 +18,7 @@ pub enum Error {
     },
     /// The checkpoint lacks what a motion needs.
     #[error(transparent)]
-    Road(#[from] RoadError),
+    DecodePath(#[from] DecodePathError),
     /// A standard deviation that cannot be a scale.
     #[error("std[{channel}] is {value}, expected a positive number; the statistics are damaged")]
     Std {
@@ -64,9 +64,9 @@ pub enum Error {
         /// The value.
         value: f32,
     },
-    /// Postcard could not write the manifest.
-    #[error("the manifest cannot be serialised: {0}")]
-    Manifest(#[from] postcard::Error),
+    /// The blob cannot be written.
+    #[error(transparent)]
+    Write(#[from] crate::blob::write::Error),
     /// The finished blob is not accepted by the runtime.
     #[error("the runtime refuses the finished blob: {0}; the weights are out of its range")]
     Refused(motionette::blob::Error),

@@ -1,21 +1,23 @@
 //! From a checkpoint to a blob: quantisation, then the byte format.
 //!
-//! Weights become int8 with one scale an output channel; the decoder's root rows, which integrate over time, become int16, the weights in
-//! the planner's blocks 4-bit if they shall. What plain
-//! rounding loses is fought three ways, each an option so that it can be measured against the others ([`Options`]): rounding with error
-//! feedback, refitting every layer to make up for the layers before it, and bias correction. All three use the same thing, the
-//! covariance of a layer's input over calibration clips.
+//! Weights become int8 with one scale per output channel. Two exceptions: the decoder's root rows become int16, because their errors add
+//! up over time, and the weights of the planner's blocks become 4-bit where [`Options::planner_bits`] says so.
+//!
+//! Rounding to the nearest integer alone loses accuracy. Three methods win it back, each an option so that it can be measured against
+//! the others ([`Options`]): rounding with error feedback; refitting each layer to compensate for the error of the layers before it;
+//! and bias correction. All three use the covariance of a layer's input over calibration clips.
 //!
 //! | file | what |
 //! |---|---|
 //! | [`calibration`] | latents of train clips |
-//! | [`moments`], [`linear_algebra`] | covariances and what is done with them |
+//! | [`moments`] | covariances |
 //! | [`rounding`] | one row of weights to integers |
 //! | [`conv1d`] | one layer |
-//! | [`decoder`] | all layers, each calibrated behind the quantised ones before it |
+//! | [`decoder`] | all layers; each is calibrated on the output of the quantised layers before it |
 //! | [`prior`] | text encoder, planner and anchor control |
 //! | [`bank`] | prompts encoded beforehand |
-//! | [`blob`] | bytes, self-test |
+//! | [`mod@blob`] | what of it all goes into the blob; its self-test |
+//! | [`lift`] | blobs of the format before this one |
 
 pub mod bank;
 pub mod blob;
@@ -23,18 +25,18 @@ pub mod calibration;
 pub mod conv1d;
 pub mod decoder;
 pub mod error;
-pub mod linear_algebra;
+pub mod lift;
 pub mod moments;
 pub mod prior;
 pub mod rounding;
 
-pub use blob::AlignedBlob;
-pub use conv1d::{Options, QuantisedConv1d};
+pub use conv1d::Options;
 pub use error::Error;
 pub use rounding::Rounding;
 
+use crate::blob::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
-use crate::verify::planner::Case;
+use crate::dataset::captioned::CaptionedMotion;
 use prior::{Inputs, QuantisedPrior};
 
 /// Longest motion of our models: 196 frames.
@@ -78,7 +80,7 @@ pub struct PriorSource<'a> {
     /// The prior's anchor control, if it goes in.
     pub control: Option<&'a ControlCheckpoint>,
     /// Motions with captions on which the rounding of 4-bit weights is calibrated; may be empty.
-    pub cases: &'a [Case],
+    pub cases: &'a [CaptionedMotion],
 }
 
 /// Quantises `checkpoint` with `options`, calibrated on `latents`, and writes the blob.

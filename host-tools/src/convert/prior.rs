@@ -1,17 +1,18 @@
-//! The prior and its anchor control in integers: linears and tables int8 with one scale a row, norms as they are; the linears of the
-//! planner's blocks 4-bit if they shall.
+//! The prior and its anchor control in integers: linears and tables in int8 with one scale per row, norms in f32 as they are; the linears
+//! of the planner's blocks in 4 bits where the options say so.
 
 use std::collections::HashMap;
 
 use motionette::hash::Stream;
 use motionette::kernels::GROUP;
 
+use crate::blob::QuantisedConv1d;
 use crate::checkpoint::prior::{Embedding, LayerNorm, Part, PartMut, TIMES};
 use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerCheckpoint};
+use crate::dataset::captioned::CaptionedMotion;
 use crate::reference::Prior;
-use crate::verify::planner::Case;
 
-use super::conv1d::{Options, QuantisedConv1d};
+use super::conv1d::Options;
 use super::moments::Moments;
 
 /// One part as the blob stores it.
@@ -41,9 +42,9 @@ pub type Inputs = HashMap<String, Vec<f32>>;
 
 /// What the linears of the planner's blocks read when `cases` are planned, at one time each.
 #[must_use]
-pub fn inputs(checkpoint: &PriorCheckpoint, tokenizer: &TokenizerCheckpoint, cases: &[Case]) -> Inputs {
+pub fn inputs(checkpoint: &PriorCheckpoint, tokenizer: &TokenizerCheckpoint, cases: &[CaptionedMotion]) -> Inputs {
     let prior = Prior::<f32>::new(checkpoint, tokenizer);
-    let numbered: Vec<(usize, &Case)> = cases.iter().enumerate().collect();
+    let numbered: Vec<(usize, &CaptionedMotion)> = cases.iter().enumerate().collect();
     let seen = crate::parallel::map(&numbered, |&(i, case)| {
         let time = (i % TIMES) as f64 / TIMES as f64;
         let tokens = prior.tmd.corrupt(&case.tokens, time, &mut Stream::new(i as u64));

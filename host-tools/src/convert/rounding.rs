@@ -5,7 +5,7 @@
 //! quantisation in the order of Frantar et al., GPTQ, arXiv:2210.17323). What a change costs at the output is a quadratic form:
 //! `cost(e) = e^T H e` with `H` the covariance of the layer's input.
 
-use super::linear_algebra::{cholesky, inverse_factored};
+use nalgebra::{Cholesky, DMatrix};
 
 /// How weights are rounded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,17 +48,10 @@ impl Metric {
     pub fn new(cost: &[f64], n: usize) -> Option<Self> {
         let mut order: Vec<usize> = (0..n).collect();
         order.sort_by(|&a, &b| cost[b * n + b].total_cmp(&cost[a * n + a]).then(a.cmp(&b)));
-        let permuted: Vec<f64> =
-            order.iter().flat_map(|&i| order.iter().map(move |&j| (i, j))).map(|(i, j)| cost[i * n + j]).collect();
-        let inverse = inverse_factored(&cholesky(&permuted, n)?, n);
-        // H^-1 = U^T U with U upper: the transposed lower factor.
-        let lower = cholesky(&inverse, n)?;
-        let mut feedback = vec![0.0; n * n];
-        for i in 0..n {
-            for j in i..n {
-                feedback[i * n + j] = lower[j * n + i];
-            }
-        }
+        let permuted = DMatrix::from_fn(n, n, |i, j| cost[order[i] * n + order[j]]);
+        let inverse = Cholesky::new(permuted)?.inverse();
+        // H^-1 = U^T U with U upper: the transposed lower factor, whose columns are the rows of U.
+        let feedback = Cholesky::new(inverse)?.unpack().as_slice().to_vec();
         Some(Self { n, cost: cost.to_vec(), order, feedback })
     }
 
@@ -122,7 +115,7 @@ pub fn round_row(weights: &[f64], levels: i32, rounding: Rounding, metric: Optio
         return Row { values: vec![0; weights.len()], scale: 1.0 };
     }
     let at = |clip: f64| -> Row {
-        let scale = single(largest * clip / f64::from(levels));
+        let scale = f32_not_below(largest * clip / f64::from(levels));
         let values = match (rounding, metric) {
             (Rounding::Feedback, Some(metric)) => metric.feed_back(weights, scale, levels),
             _ => weights.iter().map(|w| nearest(w / scale, levels)).collect(),
@@ -157,7 +150,7 @@ fn nearest(v: f64, levels: i32) -> i32 {
 }
 
 /// The next f32 not below `v`, so that a clip of 1 never overflows; at least the smallest normal one.
-fn single(v: f64) -> f64 {
+fn f32_not_below(v: f64) -> f64 {
     let near = (v as f32).max(f32::MIN_POSITIVE);
     f64::from(if f64::from(near) < v { near.next_up() } else { near })
 }

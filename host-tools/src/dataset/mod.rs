@@ -7,6 +7,7 @@
 //! Every clip has a SHA-256 over its description, joints and features; the file's hash covers the clips' hashes in order, and loading
 //! checks them all. Mean and deviation are not stored: they belong to a training run.
 
+pub mod captioned;
 mod digest;
 mod error;
 mod store;

@@ -1,5 +1,7 @@
 //! The rotation that takes one bundle of vectors closest to another.
 
+use nalgebra::{Matrix4, SymmetricEigen};
+
 use crate::motion::quaternion::{self as q, Quaternion, Vector};
 
 /// The rotation `R` that minimises the sum of `|R from - to|^2` over the pairs `(from, to)`: the eigenvector of the largest eigenvalue
@@ -18,39 +20,8 @@ pub(super) fn best_fit(pairs: impl IntoIterator<Item = (Vector, Vector)>) -> Qua
     let (a, b, c) = (yz - zy, zx - xz, xy - yx);
     let (d, e, f) = (xy + yx, zx + xz, yz + zy);
     let n = [[xx + yy + zz, a, b, c], [a, xx - yy - zz, d, e], [b, d, yy - xx - zz, f], [c, e, f, zz - xx - yy]];
-    q::normalise(largest_eigenvector(n))
-}
-
-/// Cyclic Jacobi rotations on a symmetric matrix; converges quadratically, so the fixed number of sweeps is ample.
-fn largest_eigenvector(mut m: [[f64; 4]; 4]) -> [f64; 4] {
-    const SWEEPS: usize = 12;
-    // Columns are the eigenvectors.
-    let mut vectors = [[0.0; 4]; 4];
-    (0..4).for_each(|i| vectors[i][i] = 1.0);
-    for _ in 0..SWEEPS {
-        for p in 0..3 {
-            for r in p + 1..4 {
-                if m[p][r] == 0.0 {
-                    continue;
-                }
-                let theta = (m[r][r] - m[p][p]) / (2.0 * m[p][r]);
-                let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
-                let cos = 1.0 / t.hypot(1.0);
-                let sin = t * cos;
-                for k in 0..4 {
-                    (m[k][p], m[k][r]) = (cos * m[k][p] - sin * m[k][r], sin * m[k][p] + cos * m[k][r]);
-                }
-                for k in 0..4 {
-                    (m[p][k], m[r][k]) = (cos * m[p][k] - sin * m[r][k], sin * m[p][k] + cos * m[r][k]);
-                }
-                for v in &mut vectors {
-                    (v[p], v[r]) = (cos * v[p] - sin * v[r], sin * v[p] + cos * v[r]);
-                }
-            }
-        }
-    }
-    let largest = (1..4).fold(0, |best, i| if m[i][i] > m[best][best] { i } else { best });
-    vectors.map(|row| row[largest])
+    let SymmetricEigen { eigenvectors, eigenvalues } = Matrix4::from(n).symmetric_eigen();
+    q::normalise(eigenvectors.column(eigenvalues.imax()).into_owned().into())
 }
 
 #[cfg(test)]

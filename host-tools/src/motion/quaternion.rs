@@ -1,4 +1,8 @@
 //! Unit quaternions `[w, x, y, z]` in f64, Hamilton product, active rotation of column vectors.
+//!
+//! Why not a library: these sums are the features of every dataset, and their order is part of the datasets' hashes. With nalgebra's
+//! quaternions 1,358 of the 75.5 million features of the motion-capture pack change, with glam's 1,673, by 6e-8 at most: too little
+//! to matter to anyone, and enough for another hash than the one that the shipped checkpoints name.
 
 /// A vector of three.
 pub type Vector = [f64; 3];

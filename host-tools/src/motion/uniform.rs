@@ -14,6 +14,12 @@ pub const BONE_LENGTHS: [f64; JOINTS] = [
     0.2698763,
 ];
 
+/// Offset of each joint from its parent in HumanML3D's rest pose, metres, of a body with [`BONE_LENGTHS`]; zero for the pelvis.
+#[must_use]
+pub fn rest_offsets() -> [Vector; JOINTS] {
+    std::array::from_fn(|joint| q::scale(skeleton::REST_DIRECTIONS[joint], BONE_LENGTHS[joint]))
+}
+
 /// Gives `[T][22][3]` motion (metres, f64) the target's bone lengths.
 ///
 /// The root path is scaled by the ratio of leg lengths (thigh + shank, source measured in the first frame), every bone keeps its direction.

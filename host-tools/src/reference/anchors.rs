@@ -1,9 +1,8 @@
 //! Anchors: what must be where, when (EQUATIONS section 2).
 
-use serde::{Deserialize, Serialize};
-
 use super::real::Real;
 use super::recover::JOINTS;
+pub use crate::checkpoint::anchors::Family;
 
 /// What an anchor fixes, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,45 +27,6 @@ pub struct Anchor {
     pub frame: usize,
     /// What is fixed.
     pub target: Target,
-}
-
-/// The three control families, in this order wherever there is one number for each; by their names in a control checkpoint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Family {
-    /// Pelvis in space.
-    #[serde(rename = "root3d")]
-    Root3d,
-    /// Pelvis on the ground plane.
-    #[serde(rename = "planar")]
-    PlanarRoot,
-    /// A joint in space.
-    #[serde(rename = "body")]
-    BodyPoint,
-}
-
-impl core::fmt::Display for Family {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Family::Root3d => "Root-3D",
-            Family::PlanarRoot => "Planar-root",
-            Family::BodyPoint => "Body-point",
-        })
-    }
-}
-
-impl Family {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Root3d, Self::PlanarRoot, Self::BodyPoint];
-
-    /// Its bit in a set of families, as a blob stores it.
-    #[must_use]
-    pub fn bit(self) -> u8 {
-        match self {
-            Family::Root3d => 1,
-            Family::PlanarRoot => 2,
-            Family::BodyPoint => 4,
-        }
-    }
 }
 
 impl Anchor {

@@ -80,7 +80,8 @@ impl IntervalBasis {
             .windows(2)
             .map(|w| {
                 let (left, right) = (w[0], w[1]);
-                let holds = |l: &usize| (left as f64) < middle(*l) && middle(*l) < right as f64;
+                // A middle on a cut, which takes an odd number of frames a token, belongs to the right.
+                let holds = |l: &usize| left as f64 <= middle(*l) && (middle(*l) < right as f64 || right == last);
                 Interval { left, right, tokens: (0..tokens).filter(holds).collect(), functions: Vec::new() }
             })
             .filter(|i| !i.tokens.is_empty())
@@ -204,6 +205,15 @@ mod tests {
         assert_eq!(basis.intervals[1].functions[0].len(), 1);
         assert!(!basis.direct);
         assert!(IntervalBasis::new(&anchors(&[4, 9, 14]), 5, 4, Basis::Affine).direct);
+    }
+
+    #[test]
+    fn every_token_is_owned_whatever_its_frames() {
+        for frames_per_token in 1..=8 {
+            let basis = IntervalBasis::new(&anchors(&[0, 3, 4, 9]), 12, frames_per_token, Basis::Affine);
+            let owned: Vec<usize> = basis.intervals.iter().flat_map(|i| i.tokens.clone()).collect();
+            assert_eq!(owned, (0..12).collect::<Vec<_>>(), "{frames_per_token} frames a token");
+        }
     }
 
     #[test]

@@ -14,10 +14,10 @@
 //! | [`quantizer`] | latent to ids and back |
 //! | [`decoder`] | latent to features, every stage kept, and its input gradient |
 //! | [`recover`] | features to joints and its gradient |
-//! | [`road`] | latent to joints: decoder, denormalisation, recovery |
+//! | [`decode_path`] | latent to joints: decoder, denormalisation, recovery |
 //! | [`anchors`], [`objective`] | control residuals and `J(u)` with its gradient |
 //! | [`interval_basis`], [`route_solver`], [`quasi_newton`] | the solver as published, and a quasi-Newton method in its coefficients |
-//! | [`erf`], [`transformer`] | linears, norms, attention, blocks |
+//! | [`transformer`] | linears, norms, attention, blocks |
 //! | [`text`] | a prompt to words to a memory and a length |
 //! | [`planner`] | noisy tokens and a text to logits |
 //! | [`scaffold`] | anchors to frame features |
@@ -25,13 +25,15 @@
 //! | [`tmd`] | corruption of tokens and sampling from proposals |
 //! | [`prior`] | a prior made ready: prompt to tokens |
 //! | [`tokenizer`] | a checkpoint made ready: motion to ids, ids to motion |
+//! | [`bridge`] | tokens and anchors in the runtime's types and back |
 
 pub mod anchors;
+pub mod bridge;
 pub mod control;
 pub mod conv1d;
+pub mod decode_path;
 pub mod decoder;
 pub mod encoder;
-pub mod erf;
 pub mod interval_basis;
 pub mod objective;
 pub mod planner;
@@ -41,7 +43,6 @@ pub mod quasi_newton;
 pub mod real;
 pub mod recover;
 pub mod resblock;
-pub mod road;
 pub mod route_solver;
 pub mod scaffold;
 pub mod text;
@@ -51,10 +52,10 @@ pub mod transformer;
 
 pub use anchors::{Anchor, Target};
 pub use control::Control;
+pub use decode_path::DecodePath;
 pub use decoder::{Decoder, Trace};
 pub use encoder::Encoder;
 pub use prior::Prior;
 pub use quantizer::Quantizer;
 pub use real::Real;
-pub use road::Road;
 pub use tokenizer::Tokenizer;

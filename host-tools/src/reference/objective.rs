@@ -6,9 +6,9 @@
 //! * `L_feas`: `max(||p[t+1] - p[t]|| - vmax, 0)^2` of the root in space, mean over steps.
 
 use super::anchors::Anchor;
+use super::decode_path::{DecodePath, Pass};
 use super::real::Real;
 use super::recover::JOINTS;
-use super::road::{Pass, Road};
 
 /// Weights of the terms.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,7 +32,7 @@ impl Default for Weights {
 /// The objective of one request.
 #[derive(Debug, Clone)]
 pub struct Objective<'a, T> {
-    road: &'a Road<T>,
+    decode_path: &'a DecodePath<T>,
     anchors: &'a [Anchor],
     weights: Weights,
     /// Latent of the tokens, `[L][du]`.
@@ -44,14 +44,14 @@ type Motion<T> = [[[T; 3]; JOINTS]];
 impl<'a, T: Real> Objective<'a, T> {
     /// `origin` is `u0`.
     #[must_use]
-    pub fn new(road: &'a Road<T>, anchors: &'a [Anchor], weights: Weights, origin: &'a [T]) -> Self {
-        Self { road, anchors, weights, origin }
+    pub fn new(decode_path: &'a DecodePath<T>, anchors: &'a [Anchor], weights: Weights, origin: &'a [T]) -> Self {
+        Self { decode_path, anchors, weights, origin }
     }
 
     /// One decoder evaluation: `J(u)` and the pass, for [`Objective::gradient`] and control errors.
     #[must_use]
     pub fn value(&self, u: &[T]) -> (T, Pass<T>) {
-        let pass = self.road.forward(u);
+        let pass = self.decode_path.forward(u);
         let w = &self.weights;
         let mut j = self.motion_value(&pass.joints);
         let moved = u.iter().zip(self.origin).fold(T::ZERO, |sum, (&u, &o)| sum + (u - o) * (u - o));
@@ -62,7 +62,7 @@ impl<'a, T: Real> Objective<'a, T> {
     /// `dJ/du` at the pass of `u`.
     #[must_use]
     pub fn gradient(&self, u: &[T], pass: &Pass<T>) -> Vec<T> {
-        let mut d = self.road.backward(pass, &self.motion_gradient(&pass.joints));
+        let mut d = self.decode_path.backward(pass, &self.motion_gradient(&pass.joints));
         let scale = T::from_f64(2.0 * self.weights.trust);
         for ((d, &u), &o) in d.iter_mut().zip(u).zip(self.origin) {
             *d += scale * (u - o);

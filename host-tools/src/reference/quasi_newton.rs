@@ -1,13 +1,13 @@
 //! L-BFGS in orthonormal coefficients of the interval basis: `u = u0 + Q alpha` (DESIGN section 5).
 //!
-//! The textbook two-loop recursion with backtracking, in f64 whatever the road computes in. It answers how far a quasi-Newton
+//! The textbook two-loop recursion with backtracking, in f64 whatever the decode path computes in. It answers how far a quasi-Newton
 //! method in this space can get, independently of the runtime's own.
 
 use super::anchors::{Anchor, control_error};
+use super::decode_path::{DecodePath, Pass};
 use super::interval_basis::IntervalBasis;
 use super::objective::Objective;
 use super::real::Real;
-use super::road::{Pass, Road};
 use super::route_solver::{Settings, Solution};
 
 /// Pairs remembered.
@@ -26,17 +26,17 @@ struct Pair {
 /// Spends at most `evaluations` decoder passes; `settings.steps`, `learning_rate`, `ridge` and `tolerance` are of no consequence here.
 #[must_use]
 pub fn solve<T: Real>(
-    road: &Road<T>,
+    decode_path: &DecodePath<T>,
     anchors: &[Anchor],
     u0: &[T],
     settings: &Settings,
     evaluations: usize,
 ) -> Solution<T> {
-    let width = road.decoder.width();
+    let width = decode_path.decoder.width();
     let tokens = u0.len() / width;
-    let basis = IntervalBasis::new(anchors, tokens, road.decoder.frames_per_token(), settings.basis);
+    let basis = IntervalBasis::new(anchors, tokens, decode_path.decoder.frames_per_token(), settings.basis);
     let columns = basis.orthonormal(tokens);
-    let objective = Objective::new(road, anchors, settings.weights, u0);
+    let objective = Objective::new(decode_path, anchors, settings.weights, u0);
     let place = |alpha: &[f64]| -> Vec<T> {
         let mut u = u0.to_vec();
         for (column, a) in columns.iter().zip(alpha.chunks_exact(width)) {

@@ -29,7 +29,7 @@ fn yaw<T: Real>(features: &[T], channels: usize) -> Vec<(T, T)> {
 /// Unnormalised features `[T][channels]` (`channels >= 67`, only the first 67 are read) to joints `[T]` in metres.
 ///
 /// # Panics
-/// When `channels` is below 67: the caller's mistake, no property of any file ([`super::Road`] checks those).
+/// When `channels` is below 67: the caller's mistake, no property of any file ([`super::DecodePath`] checks those).
 #[must_use]
 pub fn joints<T: Real>(features: &[T], channels: usize) -> Vec<[[T; 3]; JOINTS]> {
     assert!(channels >= CHANNELS, "{channels} feature channels, at least {CHANNELS} are needed");

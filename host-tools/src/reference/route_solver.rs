@@ -1,11 +1,11 @@
 //! RouteSolver as published: Adam on the tokens, every step projected onto the interval basis (EQUATIONS section 5).
 
 use super::anchors::{Anchor, Family, control_error};
+use super::decode_path::DecodePath;
 use super::interval_basis::{Basis, IntervalBasis};
 use super::objective::{Objective, Weights};
 use super::real::Real;
 use super::recover::JOINTS;
-use super::road::Road;
 
 /// Adam's constants.
 const BETA1: f64 = 0.9;
@@ -63,10 +63,10 @@ pub struct Solution<T> {
 
 /// Runs `settings.steps` steps from `u0` `[L][du]` and returns the iterate with the smallest `J`.
 #[must_use]
-pub fn solve<T: Real>(road: &Road<T>, anchors: &[Anchor], u0: &[T], settings: &Settings) -> Solution<T> {
-    let width = road.decoder.width();
-    let basis = IntervalBasis::new(anchors, u0.len() / width, road.decoder.frames_per_token(), settings.basis);
-    let objective = Objective::new(road, anchors, settings.weights, u0);
+pub fn solve<T: Real>(decode_path: &DecodePath<T>, anchors: &[Anchor], u0: &[T], settings: &Settings) -> Solution<T> {
+    let width = decode_path.decoder.width();
+    let basis = IntervalBasis::new(anchors, u0.len() / width, decode_path.decoder.frames_per_token(), settings.basis);
+    let objective = Objective::new(decode_path, anchors, settings.weights, u0);
     let (mut j, mut pass) = objective.value(u0);
     let error_before = control_error(anchors, &pass.joints);
     let mut u = u0.to_vec();

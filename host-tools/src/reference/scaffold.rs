@@ -9,25 +9,10 @@
 
 use super::anchors::Anchor;
 use super::real::Real;
-use super::recover::JOINTS;
+pub use crate::checkpoint::anchors::{COMPONENTS, Statistics, VALUES, WIDTH};
 
-/// Values of all components.
-pub const VALUES: usize = 3 * JOINTS;
-/// Components: the pelvis's two, and the other joints.
-pub const COMPONENTS: usize = JOINTS + 1;
-/// Features of a frame.
-pub const WIDTH: usize = 3 * VALUES + 2 * COMPONENTS;
 /// Largest magnitude of a feature.
 pub const LIMIT: f64 = 16.0;
-
-/// Mean and deviation of the values, metres, world frame of a motion.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Statistics {
-    /// `[VALUES]`
-    pub mean: Vec<f32>,
-    /// `[VALUES]`, positive
-    pub std: Vec<f32>,
-}
 
 /// Values of a component: place of the first and distance to the next, how many.
 fn values_of(component: usize) -> Vec<usize> {

@@ -3,7 +3,6 @@
 //! Attention takes its keys and values as a list of segments with one softmax over all of them: a block's own rows are one, and
 //! whoever wants a block to look at more hands further ones in.
 
-use super::erf::erf;
 use super::real::{Real, convert, dot};
 use crate::checkpoint::prior::{self, Activation, Form, NormOrder};
 
@@ -205,7 +204,7 @@ pub(super) fn activate<T: Real>(x: &mut [T], activation: Activation) {
         Activation::Relu => x.iter_mut().for_each(|v| *v = v.relu()),
         Activation::Gelu => x.iter_mut().for_each(|v| {
             let wide = v.to_f64();
-            *v = T::from_f64(0.5 * wide * (1.0 + erf(wide * core::f64::consts::FRAC_1_SQRT_2)));
+            *v = T::from_f64(0.5 * wide * (1.0 + libm::erf(wide * core::f64::consts::FRAC_1_SQRT_2)));
         }),
     }
 }

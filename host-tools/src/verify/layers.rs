@@ -3,11 +3,11 @@
 use serde::Serialize;
 
 use crate::agreement::Agreement;
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
 use crate::checkpoint::TokenizerCheckpoint;
 use crate::motion::Pose;
 use crate::reference::recover::CHANNELS;
-use crate::reference::{Decoder, Road, Trace};
+use crate::reference::{DecodePath, Decoder, Trace};
 
 use super::Error;
 
@@ -61,8 +61,8 @@ pub fn measure(
     chosen.sort_by_key(|(u, _)| core::cmp::Reverse(u.len()));
     chosen.truncate(CLIPS);
     let weights = blob.dequantised(&checkpoint.decoder)?;
-    let exact = Road::<f32>::new(checkpoint)?;
-    let rounded = Road::<f32>::new(&TokenizerCheckpoint { decoder: weights.clone(), ..checkpoint.clone() })?;
+    let exact = DecodePath::<f32>::new(checkpoint)?;
+    let rounded = DecodePath::<f32>::new(&TokenizerCheckpoint { decoder: weights.clone(), ..checkpoint.clone() })?;
     let exact_joints: Vec<Vec<Pose>> = crate::parallel::map(&chosen, |(u, _)| exact.forward(u).joints);
 
     let mut arithmetic = Agreement::default();
@@ -76,10 +76,10 @@ pub fn measure(
         let mut decoder = checkpoint.decoder.clone();
         let name = weights.convolutions()[i].name.clone();
         decoder.convolutions_mut()[i].clone_from(weights.convolutions()[i]);
-        let road = Road::<f32>::new(&TokenizerCheckpoint { decoder, ..checkpoint.clone() })?;
+        let decode_path = DecodePath::<f32>::new(&TokenizerCheckpoint { decoder, ..checkpoint.clone() })?;
         let mut agreement = Agreement::default();
         for ((u, _), joints) in chosen.iter().zip(&exact_joints) {
-            agreement.add("", &road.forward(u).joints, joints);
+            agreement.add("", &decode_path.forward(u).joints, joints);
         }
         agreement.finish();
         Ok(Alone { name, mean_mm: agreement.mean_mm, drift_mm: agreement.drift_mean_mm })

@@ -1,25 +1,27 @@
 //! Does the quantised runtime do what the f32 reference does? (`motionette verify`, DESIGN section 6.)
 //!
-//! Both decode the same embeddings `u`, those the runtime made of the tokens of real clips, so that the decoder is measured and not two
-//! solvers. What two solvers make of the same anchors is reported apart ([`solvers`]). [`layers`] says where the error comes from.
+//! Both decode the same embeddings `u`: those that the runtime made from the tokens of real clips. So the comparison measures the decoder
+//! and no solver. Where the two solvers end for the same anchors is reported separately ([`solvers`]). [`layers`] says which layer the
+//! error comes from.
 
 pub mod layers;
 pub mod planner;
 pub mod solvers;
 
-use motionette::blob::TransformerConfig;
+use motionette::blob::{TextTable, TransformerConfig};
 use motionette::{Generator, Request};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
-use crate::blob_file::{self, BlobFile};
+use crate::blob::{self, BlobFile};
 use crate::checkpoint::prior::Sizes;
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Split, captioned};
 use crate::motion::Pose;
-use crate::reference::road::RoadError;
+use crate::reference::bridge::runtime_token;
+use crate::reference::decode_path::DecodePathError;
 use crate::reference::tokenizer::EncodeError;
-use crate::reference::{Road, Tokenizer};
+use crate::reference::{DecodePath, Tokenizer};
 
 /// Mean root-aligned joint error allowed, millimetres.
 pub const MEAN_BUDGET_MM: f64 = 1.0;
@@ -35,10 +37,10 @@ pub const DRIFT_P95_BUDGET_MM: f64 = 30.0;
 pub enum Error {
     /// The blob.
     #[error(transparent)]
-    Blob(#[from] blob_file::Error),
+    Blob(#[from] blob::Error),
     /// The checkpoint lacks what a motion needs.
     #[error(transparent)]
-    Road(#[from] RoadError),
+    DecodePath(#[from] DecodePathError),
     /// Blob and checkpoint are not of one model.
     #[error(
         "blob and checkpoint are different models: {what} is {blob} in the blob and {checkpoint} in the checkpoint"
@@ -71,11 +73,14 @@ pub enum Error {
         /// The clip's name.
         clip: String,
         /// Why.
-        source: motionette::perception::anchors::AnchorError,
+        source: motionette::request::conditions::AnchorError,
     },
     /// The planner took more memory than it said.
     #[error("the runtime's planner says: {0}")]
-    Arena(motionette::arena::ArenaTooSmall),
+    Arena(motionette::memory::ArenaTooSmall),
+    /// No captioned clip to compare planners with.
+    #[error(transparent)]
+    Captioned(#[from] captioned::Error),
     /// A clip could not be encoded.
     #[error("clip {clip}: {source}")]
     Encode {
@@ -83,12 +88,6 @@ pub enum Error {
         clip: String,
         /// Why.
         source: EncodeError,
-    },
-    /// No clip to compare planners with.
-    #[error("the dataset has no {split:?} clip with a caption of the vocabulary; choose another split or dataset")]
-    NoCaptions {
-        /// The split asked for.
-        split: Split,
     },
     /// No clip to verify with.
     #[error("the dataset has no {split:?} clip of at least {least} frames; choose another split or dataset")]
@@ -185,19 +184,13 @@ pub fn sequences(
     crate::parallel::map(&chosen, encode).into_iter().collect()
 }
 
-/// A reference id as the runtime's token; what is no code (-1) adds nothing there either.
-#[must_use]
-pub fn runtime_token(id: i64) -> u16 {
-    u16::try_from(id).unwrap_or(motionette::decoding::codebook::Codebooks::NONE)
-}
-
 /// Refuses a blob and a checkpoint of different sizes.
 ///
 /// # Errors
 /// [`Error::Mismatch`].
 pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Result<(), Error> {
     let (_, manifest, _) = blob.parts()?;
-    let (d, c) = (&manifest.decoder, &checkpoint.config);
+    let (d, c) = (manifest.codec.decoder(), &checkpoint.config);
     let sizes = [
         ("width", usize::from(d.width), c.width),
         ("code width", usize::from(d.code_width), c.code_dim),
@@ -219,19 +212,21 @@ pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Re
 /// [`Error::NoPlanner`], [`Error::Mismatch`].
 pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), Error> {
     let (_, manifest, _) = blob.parts()?;
-    let (Some(text), Some(planner)) = (manifest.text, manifest.planner) else { return Err(Error::NoPlanner) };
+    let (Some(text), Some(planner)) = (manifest.text, manifest.generator.planner()) else {
+        return Err(Error::NoPlanner);
+    };
     let c = &prior.config;
     let mut pairs = vec![
         ("width of the text encoder", usize::from(text.width), c.text.width),
         ("longest prompt", usize::from(text.max_words), c.max_words),
-        ("longest motion", usize::from(manifest.max_tokens), c.max_tokens),
-        ("number of codes", usize::from(manifest.decoder.codes), c.codes),
+        ("longest motion", usize::from(manifest.generator.max_tokens()), c.max_tokens),
+        ("number of codes", usize::from(manifest.codec.decoder().codes), c.codes),
     ];
-    pairs.extend(text.encoder.iter().flat_map(|encoder| transformer(encoder, c.text)));
+    pairs.extend(text.encoder.iter().flat_map(|encoder| transformer(&encoder.transformer, c.text)));
     pairs.extend(transformer(&planner.transformer, c.planner));
-    if text.encoder.is_some() {
-        let same = text.vocabulary.lines().zip(&c.vocabulary).take_while(|(a, b)| a == b).count();
-        pairs.push(("number of words", text.vocabulary.lines().count(), c.vocabulary.len()));
+    if let Some(TextTable::Words(words)) = text.encoder.map(|encoder| encoder.table) {
+        let same = words.lines().zip(&c.vocabulary).take_while(|(a, b)| a == b).count();
+        pairs.push(("number of words", words.lines().count(), c.vocabulary.len()));
         pairs.push(("number of words in the same order", same, c.vocabulary.len()));
     }
     match pairs.into_iter().find(|(_, blob, checkpoint)| blob != checkpoint) {
@@ -246,11 +241,11 @@ pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), 
 /// [`Error::NoControl`], [`Error::Mismatch`].
 pub fn check_same_control(blob: &BlobFile, control: &ControlCheckpoint) -> Result<(), Error> {
     let (_, manifest, _) = blob.parts()?;
-    let Some(found) = manifest.control else { return Err(Error::NoControl) };
+    let Some(found) = manifest.generator.control() else { return Err(Error::NoControl) };
     let c = &control.config;
     let families = c.families.iter().fold(0, |bits, family| bits | family.bit());
     let pairs = [
-        ("longest motion", usize::from(manifest.max_tokens), c.max_tokens),
+        ("longest motion", usize::from(manifest.generator.max_tokens()), c.max_tokens),
         ("width of a frame of the scaffold", usize::from(found.frame_width), c.frame_width),
         ("rank of the anchors' keys and values", usize::from(found.rank), c.rank),
         ("whether there is a dual context", usize::from(found.context), usize::from(c.context)),
@@ -327,10 +322,10 @@ pub fn verify(
     progress: impl Fn() + Sync,
 ) -> Result<Verification, Error> {
     check_same_model(blob, checkpoint)?;
-    let road = Road::<f32>::new(checkpoint)?;
+    let decode_path = DecodePath::<f32>::new(checkpoint)?;
     let compared = crate::parallel::map(sequences, |s| -> Result<_, Error> {
         let motion = run(blob, &s.id, &Request::tokens(&s.tokens))?;
-        let reference = road.forward(&motion.u).joints;
+        let reference = decode_path.forward(&motion.u).joints;
         progress();
         Ok((motion, reference))
     });
@@ -343,7 +338,8 @@ pub fn verify(
     }
     agreement.finish();
     let layers = layers::measure(blob, checkpoint, &latents)?;
-    let solvers = if solver_clips > 0 { Some(solvers::compare(blob, &road, sequences, solver_clips)?) } else { None };
+    let solvers =
+        if solver_clips > 0 { Some(solvers::compare(blob, &decode_path, sequences, solver_clips)?) } else { None };
     let budgets = budgets(&agreement);
     Ok(Verification { agreement, budgets, layers, solvers, planner: None, control: None })
 }

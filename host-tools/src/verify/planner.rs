@@ -1,51 +1,32 @@
 //! Does the quantised planner propose what the f32 reference proposes?
 //!
-//! Both see the same corrupted tokens `z_t` of real clips at the same times, with the clip's caption; compared is the most probable token
-//! of every position. So two planners are compared and not two random walks; what a walk of ten steps makes of the small differences is
-//! reported apart. The same with anchors: those of the clips' own motion, of all families in turn.
+//! Both receive the same corrupted tokens `z_t` of real clips, at the same times and with the clip's caption. Compared is the most probable
+//! token of every position, so that one evaluation is measured and not the random choices of a whole sampling run; how far two runs of
+//! ten steps drift apart is reported separately. The same with anchors on the clips' own motion, of all families in turn.
+
+use std::ops::ControlFlow;
 
 use motionette::ROWS;
-use motionette::arena::Arena;
+use motionette::Request;
 use motionette::hash::Stream;
-use motionette::perception::anchors::AnchorSet;
+use motionette::memory::Arena;
 use motionette::perception::prompt::Prompt;
 use motionette::planning::{Length, Limits, Planning, Session};
-use motionette::{Anchor as RuntimeAnchor, Request};
+use motionette::request::conditions::AnchorSet;
 use serde::Serialize;
 
 use super::Error;
-use super::solvers::runtime_anchor;
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
-use crate::dataset::{ClipView, Dataset, Split};
-use crate::motion::{JOINTS, Pose};
-use crate::reference::prior::Guided;
+use crate::dataset::captioned::CaptionedMotion;
+use crate::reference::Prior;
+use crate::reference::bridge::runtime_anchors;
 use crate::reference::tmd::Settings;
-use crate::reference::{Anchor, Prior, Target, Tokenizer};
 
 /// Times at which planners are compared.
 pub const TIMES: [f64; 3] = [0.25, 0.5, 0.75];
 /// Share of positions at which both must find the same token most probable.
 pub const AGREEMENT_BUDGET: f64 = 0.98;
-/// Tokens a clip needs.
-const LEAST_TOKENS: usize = 2;
-/// Most anchors of a case.
-const MOST_ANCHORS: usize = 8;
-
-/// A real motion with its caption.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Case {
-    /// Name of the clip.
-    pub id: String,
-    /// Its caption.
-    pub prompt: String,
-    /// Word ids of the caption.
-    pub words: Vec<u16>,
-    /// Its tokens.
-    pub tokens: Vec<u16>,
-    /// Anchors that the planner sees; none for a planner without anchor control.
-    pub anchors: Vec<Anchor>,
-}
 
 /// Agreement at one time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -96,7 +77,7 @@ pub fn verify(
     tokenizer: &TokenizerCheckpoint,
     prior: &PriorCheckpoint,
     control: Option<&ControlCheckpoint>,
-    cases: &[Case],
+    cases: &[CaptionedMotion],
     progress: impl Fn() + Sync,
 ) -> Result<Report, Error> {
     super::check_same_prior(blob, prior)?;
@@ -108,40 +89,27 @@ pub fn verify(
         rounded = rounded.controlled(&blob.dequantised_control(control)?, tokenizer.config.fps);
     }
     let runtime = agreement(cases, &exact, |case, z, time| logits(blob, case, z, time), &progress)?;
-    let rounded = |case: &Case, z: &[u16], time: f64| -> Result<Vec<f32>, Error> {
+    let rounded = |case: &CaptionedMotion, z: &[u16], time: f64| -> Result<Vec<f32>, Error> {
         Ok(rounded.logits(&case.guided(&rounded, 1.0), z, time, &[]))
     };
     let weights = agreement(cases, &exact, rounded, &progress)?;
     let planning = Planning::default();
     let settings = Settings { steps: usize::from(planning.steps), ..Settings::default() };
-    let tokens = |case: &Case, settings: &Settings| -> Result<Vec<u16>, Error> {
+    let tokens = |case: &CaptionedMotion, settings: &Settings| -> Result<Vec<u16>, Error> {
         let request = Request::text(&case.prompt).length(Length::Tokens(case.tokens.len() as u16)).seed(settings.seed);
         // Seen by the planner, and nothing else: tokens are compared.
-        let request = Request { anchors: &case.runtime_anchors(), refinement: None, ..request };
-        Ok(super::run(blob, &case.id, &request)?.tokens)
+        Ok(super::run(blob, &case.id, &request.anchors(&runtime_anchors(&case.anchors)))?.tokens)
     };
     let free_running = free_running(cases, &exact, planning.guidance, &settings, tokens, &progress)?;
     let met = runtime.top1 >= AGREEMENT_BUDGET;
     Ok(Report { runtime, weights, free_running, budget: AGREEMENT_BUDGET, met })
 }
 
-impl Case {
-    /// What the motion is planned from.
-    #[must_use]
-    pub fn guided(&self, prior: &Prior<f32>, guidance: f32) -> Guided<f32> {
-        prior.through(prior.guided(&self.words, guidance), &self.anchors, self.tokens.len())
-    }
-
-    fn runtime_anchors(&self) -> Vec<RuntimeAnchor> {
-        self.anchors.iter().map(runtime_anchor).collect()
-    }
-}
-
 /// The runtime's logits `[L][V]` for a case, its tokens corrupted and the time.
 ///
 /// # Errors
 /// [`Error::Blob`], [`Error::NoPlanner`], [`Error::Prompt`], [`Error::Anchors`].
-pub fn logits(blob: &BlobFile, case: &Case, tokens: &[u16], time: f64) -> Result<Vec<f32>, Error> {
+pub fn logits(blob: &BlobFile, case: &CaptionedMotion, tokens: &[u16], time: f64) -> Result<Vec<f32>, Error> {
     let model = blob.model()?;
     let modules = model.planning().ok_or(Error::NoPlanner)?;
     let refused = |source| Error::Prompt { clip: case.id.clone(), source };
@@ -150,12 +118,12 @@ pub fn logits(blob: &BlobFile, case: &Case, tokens: &[u16], time: f64) -> Result
     let words = modules.text.rows(&prompt).map_err(refused)?;
     let refused_anchors = |source| Error::Anchors { clip: case.id.clone(), source };
     let frames = tokens.len() * model.frames_per_token();
-    let anchors = AnchorSet::new(&case.runtime_anchors(), frames).map_err(refused_anchors)?;
+    let anchors = AnchorSet::new(&runtime_anchors(&case.anchors), frames).map_err(refused_anchors)?;
     let limits = Limits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty() };
     let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits, ROWS).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens.len(), &limits, ROWS).map_err(Error::Arena)?;
-    let mut go_on = || Ok(());
+    let mut go_on = || ControlFlow::Continue(());
     // Nothing interrupts it.
     let _ = session.read(&prompt, &mut go_on).map_err(refused)?;
     let _ = session.anchor(&anchors, tokens.len(), &mut go_on);
@@ -163,85 +131,17 @@ pub fn logits(blob: &BlobFile, case: &Case, tokens: &[u16], time: f64) -> Result
     Ok((0..tokens.len()).flat_map(|i| session.logits(i).to_vec()).collect())
 }
 
-/// At most `count` clips of `split` with a caption that the prior can read, spread evenly over it; with `anchored`, one to eight anchors
-/// each where the clip itself passes.
-///
-/// # Errors
-/// [`Error::NoCaptions`], [`Error::Encode`].
-pub fn cases(
-    tokenizer: &TokenizerCheckpoint,
-    prior: &Prior<f32>,
-    dataset: &Dataset,
-    split: Split,
-    count: usize,
-    anchored: bool,
-) -> Result<Vec<Case>, Error> {
-    let per_token = tokenizer.config.frames_per_token();
-    let readable = |clip: &ClipView<'_>| {
-        let caption = clip.info.captions.iter().find_map(|c| {
-            // Captions of a part of a clip say nothing of the whole.
-            let words = prior.text.read(&c.text).ok().filter(|_| c.from == 0.0 && c.to == 0.0)?;
-            Some((c.text.clone(), words.ids))
-        });
-        caption.filter(|_| clip.frames() >= LEAST_TOKENS * per_token)
-    };
-    let clips: Vec<_> = dataset.split(split).filter_map(|clip| readable(&clip).map(|c| (clip, c))).collect();
-    if clips.is_empty() || count == 0 {
-        return Err(Error::NoCaptions { split });
-    }
-    let wanted = count.min(clips.len());
-    let chosen: Vec<_> = (0..wanted).map(|i| (i, &clips[i * clips.len() / wanted])).collect();
-    let encoder = Tokenizer::<f32>::new(tokenizer);
-    let encode = |&(i, (clip, (prompt, words))): &(usize, &(ClipView<'_>, (String, Vec<u16>)))| {
-        let frames = clip.frames().min(prior.planner.max_tokens * per_token);
-        let id = clip.info.id.clone();
-        match encoder.encode(&clip.features[..frames * tokenizer.config.features]) {
-            Ok(ids) => {
-                let tokens: Vec<u16> = ids.into_iter().map(super::runtime_token).collect();
-                let anchors = match clip.joints.get(..tokens.len() * per_token) {
-                    Some(joints) if anchored => place(joints, 1 + i % MOST_ANCHORS, i as u64),
-                    _ => Vec::new(),
-                };
-                Ok(Case { id, prompt: prompt.clone(), words: words.clone(), tokens, anchors })
-            }
-            Err(source) => Err(Error::Encode { clip: id, source }),
-        }
-    };
-    crate::parallel::map(&chosen, encode).into_iter().collect()
-}
-
-/// At most `count` anchors where a motion itself passes, families in turn beginning with one of `seed`'s, frames and joints drawn; of two
-/// for one joint at one frame the first stays.
-fn place(motion: &[Pose], count: usize, seed: u64) -> Vec<Anchor> {
-    let mut random = Stream::new(seed);
-    let mut anchors: Vec<Anchor> = Vec::new();
-    for n in (seed as usize..).take(count) {
-        let frame = random.below(motion.len() as u32) as usize;
-        let joint = if n % 3 == 2 { 1 + random.below(JOINTS as u32 - 1) as usize } else { 0 };
-        let [x, y, z] = motion[frame][joint].map(f64::from);
-        let target = match n % 3 {
-            0 => Target::Root([x, y, z]),
-            1 => Target::PlanarRoot([x, z]),
-            _ => Target::Joint { joint, position: [x, y, z] },
-        };
-        if !anchors.iter().any(|a| (a.frame, a.joint()) == (frame, joint)) {
-            anchors.push(Anchor { frame, target });
-        }
-    }
-    anchors
-}
-
 /// Compares `logits` (`[L][V]`, for a case, its tokens corrupted and the time) with those of `exact`. `progress` is called once a case.
 ///
 /// # Errors
 /// What `logits` fails with.
 pub fn agreement<E: Send>(
-    cases: &[Case],
+    cases: &[CaptionedMotion],
     exact: &Prior<f32>,
-    logits: impl Fn(&Case, &[u16], f64) -> Result<Vec<f32>, E> + Sync,
+    logits: impl Fn(&CaptionedMotion, &[u16], f64) -> Result<Vec<f32>, E> + Sync,
     progress: impl Fn() + Sync,
 ) -> Result<Agreement, E> {
-    let numbered: Vec<(usize, &Case)> = cases.iter().enumerate().collect();
+    let numbered: Vec<(usize, &CaptionedMotion)> = cases.iter().enumerate().collect();
     let sums = crate::parallel::map(&numbered, |&(seed, case)| -> Result<_, E> {
         let guided = case.guided(exact, 1.0);
         let mut stream = Stream::new(seed as u64);
@@ -276,14 +176,14 @@ pub fn agreement<E: Send>(
 /// # Errors
 /// What `tokens` fails with.
 pub fn free_running<E: Send>(
-    cases: &[Case],
+    cases: &[CaptionedMotion],
     exact: &Prior<f32>,
     guidance: f32,
     settings: &Settings,
-    tokens: impl Fn(&Case, &Settings) -> Result<Vec<u16>, E> + Sync,
+    tokens: impl Fn(&CaptionedMotion, &Settings) -> Result<Vec<u16>, E> + Sync,
     progress: impl Fn() + Sync,
 ) -> Result<f64, E> {
-    let numbered: Vec<(usize, &Case)> = cases.iter().enumerate().collect();
+    let numbered: Vec<(usize, &CaptionedMotion)> = cases.iter().enumerate().collect();
     let same = crate::parallel::map(&numbered, |&(seed, case)| -> Result<usize, E> {
         let settings = Settings { seed: seed as u64, ..settings.clone() };
         let own = exact.sample(&case.guided(exact, guidance), case.tokens.len(), &settings).pop().unwrap_or_default();

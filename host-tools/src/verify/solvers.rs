@@ -1,16 +1,17 @@
 //! The runtime's solver and the reference's own on the same anchors: they differ by method and rounding, so this is reported, not gated.
 
+use motionette::Request;
 use motionette::hash::Stream;
 use motionette::refining::Config;
-use motionette::{Anchor as RuntimeAnchor, Request, Target as RuntimeTarget};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
+use crate::reference::bridge::runtime_anchors;
 use crate::reference::interval_basis::Basis;
 use crate::reference::objective::Weights;
 use crate::reference::route_solver::Settings;
-use crate::reference::{Anchor, Road, Target, anchors::control_error, quasi_newton};
+use crate::reference::{Anchor, DecodePath, Target, anchors::control_error, quasi_newton};
 
 use super::{Error, Sequence, run};
 
@@ -43,7 +44,12 @@ pub struct Report {
 ///
 /// # Errors
 /// [`Error`].
-pub fn compare(blob: &BlobFile, road: &Road<f32>, sequences: &[Sequence], count: usize) -> Result<Report, Error> {
+pub fn compare(
+    blob: &BlobFile,
+    decode_path: &DecodePath<f32>,
+    sequences: &[Sequence],
+    count: usize,
+) -> Result<Report, Error> {
     let config = Config::default();
     let quantizers = blob.model()?.codebooks().quantizers();
     let mut chosen: Vec<&Sequence> = sequences.iter().filter(|s| s.tokens.len() >= 8 * quantizers).collect();
@@ -63,7 +69,7 @@ pub fn compare(blob: &BlobFile, road: &Road<f32>, sequences: &[Sequence], count:
         let request = Request::tokens(&sequence.tokens);
         let plain = run(blob, &sequence.id, &request)?;
         let anchors = place(&plain.joints, seed as u64);
-        let given: Vec<RuntimeAnchor> = anchors.iter().map(runtime_anchor).collect();
+        let given = runtime_anchors(&anchors);
         let bent = run(blob, &sequence.id, &request.through(&given).refined(config))?;
         let settings = Settings {
             basis: Basis::Affine,
@@ -75,10 +81,10 @@ pub fn compare(blob: &BlobFile, road: &Road<f32>, sequences: &[Sequence], count:
             },
             ..Settings::default()
         };
-        let own = quasi_newton::solve(road, &anchors, &plain.u, &settings, usize::from(config.evaluations));
+        let own = quasi_newton::solve(decode_path, &anchors, &plain.u, &settings, usize::from(config.evaluations));
         report.before_cm += share * own.error_before;
         report.runtime_cm += share * control_error(&anchors, &bent.joints);
-        report.runtime_in_reference_cm += share * control_error(&anchors, &road.forward(&bent.u).joints);
+        report.runtime_in_reference_cm += share * control_error(&anchors, &decode_path.forward(&bent.u).joints);
         report.reference_cm += share * own.error_after;
         agreement.add(&sequence.id, &bent.joints, &own.joints);
     }
@@ -105,46 +111,4 @@ fn place(motion: &[crate::motion::Pose], seed: u64) -> Vec<Anchor> {
             Anchor { frame, target }
         })
         .collect()
-}
-
-/// The runtime's form of an anchor; coordinates rounded to f32.
-#[must_use]
-pub fn runtime_anchor(anchor: &Anchor) -> RuntimeAnchor {
-    let single = |p: [f64; 3]| p.map(|v| v as f32);
-    let target = match anchor.target {
-        Target::Root(p) => RuntimeTarget::Root(single(p)),
-        Target::PlanarRoot([x, z]) => RuntimeTarget::PlanarRoot([x as f32, z as f32]),
-        Target::Joint { joint, position } => RuntimeTarget::Joint { joint: joint as u8, position: single(position) },
-    };
-    RuntimeAnchor { frame: anchor.frame as u16, target }
-}
-
-/// The reference's form of an anchor.
-#[must_use]
-pub fn reference_anchor(anchor: &RuntimeAnchor) -> Anchor {
-    let target = match anchor.target {
-        RuntimeTarget::Root(p) => Target::Root(p.map(f64::from)),
-        RuntimeTarget::PlanarRoot(p) => Target::PlanarRoot(p.map(f64::from)),
-        RuntimeTarget::Joint { joint, position } => {
-            Target::Joint { joint: usize::from(joint), position: position.map(f64::from) }
-        }
-    };
-    Anchor { frame: usize::from(anchor.frame), target }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn anchors_survive_the_way_there_and_back() {
-        let given = [
-            RuntimeAnchor::root(7, [0.1, 0.9, -2.5]),
-            RuntimeAnchor::planar_root(0, [-0.3, 4.0]),
-            RuntimeAnchor::joint(195, 21, [0.2, 1.5, 0.75]),
-        ];
-        for anchor in given {
-            assert_eq!(runtime_anchor(&reference_anchor(&anchor)), anchor);
-        }
-    }
 }

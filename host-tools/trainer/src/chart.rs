@@ -1,4 +1,6 @@
 //! Line diagrams as SVG.
+//!
+//! Why not a library: lines are all that is drawn. With a third kind of plot a plotting library is the smaller thing.
 
 const COLOURS: [&str; 6] = ["#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b"];
 

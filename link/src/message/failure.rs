@@ -3,9 +3,9 @@
 use core::fmt;
 
 use motionette::Error;
-use motionette::perception::anchors::AnchorError;
 use motionette::perception::prompt::PromptError;
 use motionette::planning::PlanningError;
+use motionette::request::conditions::AnchorError;
 use serde::{Deserialize, Serialize};
 
 /// [`motionette::Error`] on the wire: why a job gave no motion.
@@ -160,6 +160,8 @@ impl From<AnchorError> for Failure {
             AnchorError::Conflict { first, second } => {
                 Failure::AnchorConflict { first: number(first), second: number(second) }
             }
+            // Times are not sent.
+            AnchorError::Time { .. } => Failure::Unknown,
         }
     }
 }

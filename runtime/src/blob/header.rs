@@ -5,9 +5,9 @@ use super::Error;
 /// First four bytes of every blob.
 pub const MAGIC: [u8; 4] = *b"MNTB";
 /// Major format version: readers refuse others.
-pub const MAJOR: u16 = 3;
+pub const MAJOR: u16 = 4;
 /// Newest minor format version: a blob says the oldest one that has all that is in it.
-pub const MINOR: u16 = 1;
+pub const MINOR: u16 = 0;
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 32;
 /// Alignment of the blob and of every tensor, bytes.

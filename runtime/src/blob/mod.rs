@@ -3,15 +3,23 @@
 //! The byte layout is specified in `FORMAT.md` beside this file. [`Model::open`](crate::Model::open) checks everything
 //! once; afterwards no accessor can fail. The manifest types are shared with the host tools, which write blobs.
 
+mod entry;
+mod error;
 mod header;
 mod manifest;
 mod tensors;
 
+// What a manifest says of layers is theirs to define.
+pub use crate::nn::activation::Activation;
+pub use crate::nn::block::{Norm, TransformerConfig};
+pub use crate::nn::conv1d::Padding;
+pub use entry::{DType, MAX_NAME, MAX_TENSORS, TensorEntry};
+pub use error::Error;
 pub use header::{ALIGNMENT, HEADER_LEN, Header, MAGIC, MAJOR, MINOR, crc32};
 pub use manifest::{
-    Activation, Card, ControlConfig, DType, DecoderConfig, MAX_BANK, MAX_BLOCKS, MAX_LAYERS, MAX_NAME, MAX_STAGES,
-    MAX_TENSORS, MAX_VOCABULARY, Manifest, Norm, PlannerConfig, Representation, Sampler, SelfTest, TensorEntry,
-    TextConfig, TransformerConfig,
+    Card, Codec, ControlConfig, DecoderConfig, Generator, Guidance, HumanMl3d, MAX_BANK, MAX_BLOCKS, MAX_CONVOLUTIONS,
+    MAX_STAGES, MAX_VOCABULARY, Manifest, PhraseBank, PlannerConfig, Representation, SELF_TEST_NUMBERS, SKELETON_BYTES,
+    SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextLength, TextTable,
 };
 pub use tensors::{Tensor, Tensors};
 
@@ -23,135 +31,3 @@ pub struct Aligned<T: ?Sized>(
     /// What is aligned.
     pub T,
 );
-
-/// Why a blob was refused. Numbers say what was found and what was expected.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub enum Error {
-    /// The slice does not begin on an [`ALIGNMENT`]-byte boundary: align the blob in flash (`#[repr(align(16))]`).
-    Misaligned {
-        /// Address modulo [`ALIGNMENT`].
-        remainder: u8,
-    },
-    /// Fewer bytes than the header or its total length promise: the transfer was cut short.
-    Truncated {
-        /// Bytes that are needed.
-        needed: u32,
-        /// Bytes that are there.
-        available: u32,
-    },
-    /// The first four bytes are not the magic: this is no motionette blob.
-    NotABlob {
-        /// The bytes found.
-        found: [u8; 4],
-    },
-    /// Another major format version: convert the checkpoint again with this version's tools.
-    Version {
-        /// Major version of the blob.
-        found: u16,
-        /// Major version this reader understands.
-        supported: u16,
-    },
-    /// A length or offset in the header does not fit the others.
-    Header,
-    /// The CRC-32 does not match: the blob was damaged.
-    Checksum {
-        /// CRC computed over the bytes.
-        computed: u32,
-        /// CRC stored in the header.
-        stored: u32,
-    },
-    /// The manifest is not valid postcard of the expected type.
-    Manifest,
-    /// A configuration value is out of its limits.
-    Config {
-        /// Which value.
-        what: &'static str,
-        /// The value found.
-        found: u32,
-        /// The largest (or only) value allowed.
-        limit: u32,
-    },
-    /// A number of the configuration is not finite or out of its range.
-    Number {
-        /// Which number.
-        what: &'static str,
-        /// Its bits.
-        bits: u32,
-    },
-    /// A tensor's offset is misaligned, out of the weight section, or overlaps its predecessor.
-    TensorRange {
-        /// Index in the tensor table.
-        index: u16,
-    },
-    /// A tensor has another type or shape than its place in the module needs; 4-bit rows must come in whole groups of
-    /// [`crate::kernels::GROUP`].
-    TensorShape {
-        /// Index in the tensor table.
-        index: u16,
-        /// Number of elements found.
-        found: u32,
-        /// Number of elements needed.
-        expected: u32,
-    },
-    /// The tensor table ends before the module's configuration is satisfied.
-    TensorMissing {
-        /// Index of the first missing tensor.
-        index: u16,
-    },
-    /// A tensor holds a value that is not finite or not allowed (a scale that is not positive, an int8 weight of -128).
-    TensorValue {
-        /// Index in the tensor table.
-        index: u16,
-        /// Element that is refused.
-        element: u32,
-    },
-    /// The weights could drive activations beyond [`crate::model::MAX_MAGNITUDE`], where arithmetic is no longer finite.
-    Unbounded {
-        /// Index of the first tensor of the layer where the bound is exceeded.
-        index: u16,
-    },
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match *self {
-            Error::Misaligned { remainder } => {
-                write!(f, "blob starts {remainder} bytes off a {ALIGNMENT}-byte boundary: align it in flash")
-            }
-            Error::Truncated { needed, available } => {
-                write!(f, "blob needs {needed} bytes but {available} are there: the transfer was cut short")
-            }
-            Error::NotABlob { found } => {
-                write!(f, "first bytes are {found:02x?}, not the magic {MAGIC:02x?}: this is no motionette blob")
-            }
-            Error::Version { found, supported } => {
-                write!(
-                    f,
-                    "blob format version {found}, this reader understands {supported}: convert the checkpoint again"
-                )
-            }
-            Error::Header => write!(f, "header lengths and offsets contradict each other"),
-            Error::Checksum { computed, stored } => {
-                write!(f, "CRC-32 of the bytes is {computed:08x}, the header says {stored:08x}: the blob is damaged")
-            }
-            Error::Manifest => write!(f, "the manifest cannot be read"),
-            Error::Config { what, found, limit } => write!(f, "manifest: {what} is {found}, allowed is {limit}"),
-            Error::Number { what, .. } => write!(f, "manifest: {what} is not finite or out of its range"),
-            Error::TensorRange { index } => write!(f, "tensor {index}: offset misaligned, out of range or overlapping"),
-            Error::TensorShape { index, found, expected } => {
-                write!(f, "tensor {index}: {found} elements of its type, the module needs {expected}")
-            }
-            Error::TensorMissing { index } => write!(f, "tensor {index} is missing"),
-            Error::TensorValue { index, element } => {
-                write!(f, "tensor {index}: element {element} is not finite or not allowed")
-            }
-            Error::Unbounded { index } => {
-                write!(f, "tensor {index}: with these weights activations could leave the finite range")
-            }
-        }
-    }
-}
-
-impl core::error::Error for Error {}

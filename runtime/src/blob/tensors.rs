@@ -1,6 +1,7 @@
 //! The tensor table, read lazily in order, and the checked views into the weight section.
 
-use super::{ALIGNMENT, DType, Error, TensorEntry};
+use super::manifest::Reader;
+use super::{ALIGNMENT, DType, Error, MINOR, TensorEntry};
 use crate::kernels::GROUP;
 
 /// Walks the tensor table in order and hands out checked tensors.
@@ -11,6 +12,8 @@ pub struct Tensors<'a> {
     count: u16,
     next: u16,
     used: u32,
+    /// Minor format version of the blob.
+    minor: u16,
     /// Values were checked before: only places and shapes are read.
     trusted: bool,
 }
@@ -19,7 +22,12 @@ impl<'a> Tensors<'a> {
     /// A reader over `table` (the manifest's bytes behind the `Manifest` value) and the weight section.
     #[must_use]
     pub const fn new(table: &'a [u8], weights: &'a [u8], count: u16) -> Self {
-        Tensors { table, weights, count, next: 0, used: 0, trusted: false }
+        Tensors { table, weights, count, next: 0, used: 0, minor: MINOR, trusted: false }
+    }
+
+    /// The same of a blob of that minor format version, for what errors say.
+    pub(crate) const fn of_minor(self, minor: u16) -> Self {
+        Tensors { minor, ..self }
     }
 
     /// The same place in a table whose tensors have been read before: values are not looked at again.
@@ -43,7 +51,9 @@ impl<'a> Tensors<'a> {
         if index >= self.count {
             return Err(Error::TensorMissing { index });
         }
-        let (entry, rest) = postcard::take_from_bytes::<TensorEntry<'a>>(self.table).map_err(|_| Error::Manifest)?;
+        let Ok((entry, rest)) = postcard::take_from_bytes::<TensorEntry<'a>>(self.table) else {
+            return Err(self.unreadable());
+        };
         let range = Error::TensorRange { index };
         let length = u32::try_from(entry.bytes()).map_err(|_| range)?;
         let end = entry.offset.checked_add(length).ok_or(range)?;
@@ -53,6 +63,15 @@ impl<'a> Tensors<'a> {
         let bytes = self.weights.get(entry.offset as usize..end as usize).ok_or(range)?;
         (self.table, self.next, self.used) = (rest, index + 1, end);
         Ok(Tensor { index, entry, bytes, trusted: self.trusted })
+    }
+
+    /// Why the next entry cannot be read: a number format that came later is said to be one.
+    #[cold]
+    fn unreadable(&self) -> Error {
+        let mut entry = Reader::new(self.table, self.minor);
+        entry.text();
+        entry.kind("tensor format", DType::COUNT);
+        entry.finish().err().unwrap_or(Error::Manifest)
     }
 
     /// The number format of the next tensor, if there is one.

@@ -11,13 +11,15 @@
 //! not grow with the motion but for the ReLUs' bits, if the gradient is to follow. The gradient of a convolution is one, too: it
 //! passes from the last layer to the first in the same way, from the motion's beginning to its end.
 
-use super::decoder::{Check, Decoder, Interrupted, Portion};
+use super::decoder::{Decoder, Portion};
 use super::layer::{Layer, MAX_LAYERS, Way};
 use super::step::{Count, Gates, Last, Tail, Work};
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::conv1d::accumulators;
 use crate::nn::output::{self, Channels, window};
 use crate::nn::residual;
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
 /// All layers' tails, one after the other in the order of the pass.
 #[derive(Debug)]
@@ -28,6 +30,11 @@ struct Tails<'w> {
 }
 
 impl<'s> Tails<'s> {
+    fn take(arena: &mut Arena<'s>, s: &Sizes) -> Result<Self, ArenaTooSmall> {
+        let (q, scales, rows) = (arena.take(s.tails_q)?, arena.take(s.tails_scales)?, arena.take(s.tails_rows)?);
+        Ok(Tails { q, scales, rows })
+    }
+
     /// Takes a layer's from the front.
     fn next(&mut self, layer: &Layer<'_, '_>, way: Way, count: &'s mut Count) -> Tail<'s> {
         let (kept, skipped, width) = (layer.kept(way), layer.skipped(way), layer.width(way));
@@ -123,7 +130,12 @@ impl<'a> Decoder<'a> {
             sizes.tails_q += layer.kept(way) * inputs;
             sizes.tails_scales += layer.kept(way);
             sizes.tails_rows += layer.skipped(way) * inputs;
-            sizes.sequence = sizes.sequence.max(outputs * inputs.max(width));
+            let results = match (layer, way) {
+                // The last one back is as wide as a code.
+                (Layer::Convolution(conv), Way::Back) => conv.inputs(),
+                _ => width,
+            };
+            sizes.sequence = sizes.sequence.max(outputs * inputs.max(results));
             sizes.q = sizes.q.max((layer.kept(way) + rows) * inputs);
             sizes.scales = sizes.scales.max(layer.kept(way) + rows);
         }
@@ -133,25 +145,7 @@ impl<'a> Decoder<'a> {
     /// Arena bytes of what a [`Chain`] keeps from chunk to chunk.
     pub(super) fn tails_bytes(&self, way: Way) -> usize {
         let s = self.chain_sizes(way, Portion { tokens: 1, rows: 1 }, 1);
-        bytes_of::<i16>(s.tails_q) + bytes_of::<f32>(s.tails_scales) + bytes_of::<f32>(s.tails_rows)
-    }
-
-    /// Arena bytes of [`Decoder::chain`].
-    pub(super) fn chain_bytes(&self, way: Way, portion: Portion, channels: usize) -> usize {
-        let s = self.chain_sizes(way, portion, channels);
-        self.tails_bytes(way)
-            + bytes_of::<f32>(s.sequence)
-            + bytes_of::<i16>(s.q)
-            + bytes_of::<f32>(s.scales)
-            + bytes_of::<f32>(s.row)
-            + bytes_of::<f32>(s.block * self.width)
-            + bytes_of::<i16>(s.block * self.width)
-            + bytes_of::<f32>(s.block)
-            + bytes_of::<i32>(s.acc)
-            + bytes_of::<f32>(s.output_row)
-            + bytes_of::<i16>(s.output_q)
-            + bytes_of::<f32>(s.output_scales)
-            + bytes_of::<i32>(s.acc_low)
+        Arena::measure(|arena| Tails::take(arena, &s))
     }
 
     /// Takes the buffers for motions of any length with at most `channels` features, of which such portions pass at a time.
@@ -169,11 +163,7 @@ impl<'a> Decoder<'a> {
         Ok(Chain {
             way,
             chunk: portion.tokens,
-            tails: Tails {
-                q: arena.take(s.tails_q)?,
-                scales: arena.take(s.tails_scales)?,
-                rows: arena.take(s.tails_rows)?,
-            },
+            tails: Tails::take(arena, &s)?,
             counts: [Count::default(); MAX_LAYERS],
             sequence: arena.take(s.sequence)?,
             work: Work {
@@ -209,7 +199,7 @@ impl Chain<'_> {
             return &mut [];
         }
         self.rows = tokens.min(self.chunk);
-        self.sequence.get_mut(..self.rows * decoder.code_width()).unwrap_or(&mut [])
+        part_mut!(self.sequence, ..self.rows * decoder.code_width())
     }
 
     /// Begins the next chunk of gradients: that of the last layer's input in `frames` frames from `first` on, of the features'
@@ -226,7 +216,7 @@ impl Chain<'_> {
         let together = scratch.block.scales.len();
         let acc = &mut *scratch.block.acc;
         let mut last = output::Scratch { row: output_row, q: output_q, scales: output_scales, together, acc, acc_low };
-        let dx = self.sequence.get_mut(..frames * decoder.width).unwrap_or(&mut []);
+        let dx = part_mut!(self.sequence, ..frames * decoder.width);
         decoder.output.backward(g, channels, first, dx, &mut last);
         self.rows = frames;
     }
@@ -249,8 +239,7 @@ impl Chain<'_> {
 
     /// Passes the chunk through the layers. Returns the rows that have become final, which may be none.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check`, asked before every layer, says so. Nothing is lost: the next call carries on there.
+    /// Breaks off when `check`, asked before every layer, says so. Nothing is lost: the next call carries on there.
     pub(super) fn pass(
         &mut self,
         decoder: &Decoder<'_>,
@@ -258,7 +247,7 @@ impl Chain<'_> {
         gates: &mut Gates<'_>,
         last: &mut Last<'_>,
         check: Check<'_>,
-    ) -> Result<&mut [f32], Interrupted> {
+    ) -> ControlFlow<Stop, &mut [f32]> {
         let Chain { way, chunk, tails, counts, sequence, work, rows, layer: begun, ending, .. } = self;
         let mut complete = *ending;
         let mut width = match way {
@@ -292,6 +281,6 @@ impl Chain<'_> {
         self.complete = complete;
         width *= *rows;
         (*rows, *begun) = (0, 0);
-        Ok(sequence.get_mut(..width).unwrap_or(&mut []))
+        ControlFlow::Continue(part_mut!(sequence, ..width))
     }
 }

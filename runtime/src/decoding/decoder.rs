@@ -6,13 +6,15 @@
 
 use super::layer::Way;
 use super::step::{Gates, Last};
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
+use crate::memory::{Arena, ArenaTooSmall, bytes_of};
 use crate::nn::conv1d::{Conv1d, Rows, Shape};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::nn::mask;
 use crate::nn::output::{Channels, Output};
 use crate::nn::residual::Residual;
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 use heapless::Vec;
 
 /// What passes through the decoder at a time.
@@ -51,8 +53,6 @@ pub struct Decoder<'a> {
     pub(super) width: usize,
     code_width: usize,
 }
-
-pub use crate::nn::{Check, Interrupted};
 
 /// All mutable memory of the decoder.
 #[derive(Debug)]
@@ -185,14 +185,15 @@ impl<'a> Decoder<'a> {
 
     /// Bytes of a pass, whichever way.
     fn pass_bytes(&self, portion: Portion, channels: usize) -> usize {
-        let [forward, back] = [Way::Forward, Way::Back].map(|way| self.chain_bytes(way, portion, channels));
+        let bytes = |way| Arena::measure(|arena| self.chain(arena, way, portion, channels));
+        let [forward, back] = [Way::Forward, Way::Back].map(bytes);
         if forward > back { forward } else { back }
     }
 
     /// Arena bytes of [`Decoder::workspace`].
     #[must_use]
     pub fn workspace_bytes(&self, tokens: usize, channels: usize, rows: usize) -> usize {
-        self.gate_bytes(tokens) + self.pass_bytes(Portion::new(tokens, rows), channels)
+        Arena::measure(|arena| self.workspace(arena, tokens, channels, rows))
     }
 
     /// Takes the buffers for motions of `tokens` tokens and at most `channels` output channels, as much at a time as `rows` says
@@ -219,8 +220,7 @@ impl<'a> Decoder<'a> {
     /// Decodes `u [L][du]` to normalised features `out [T][C]` of `channels`. With a workspace that was taken for
     /// fewer of them or fewer tokens `out` is undefined.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; `out` is then undefined.
+    /// Breaks off when `check` says so; `out` is then undefined.
     pub fn forward(
         &self,
         u: &[f32],
@@ -228,12 +228,13 @@ impl<'a> Decoder<'a> {
         out: &mut [f32],
         work: &mut Workspace<'_>,
         check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    ) -> ControlFlow<Stop> {
         let tokens = u.len() / self.code_width.max(1);
         let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
         let chunk = work.portion.tokens;
         let mut chain = self.chain(&mut work.spare.overlay(), Way::Forward, work.portion, channels.count());
-        let Ok(chain) = &mut chain else { return Ok(()) };
+        invariant!(chain.is_ok(), "{:?}", chain.as_ref().err());
+        let Ok(chain) = &mut chain else { return ControlFlow::Continue(()) };
         let mut chunks = u.chunks((chunk * self.code_width).max(1));
         let mut out = out.iter_mut();
         while !chain.ended() {
@@ -247,14 +248,13 @@ impl<'a> Decoder<'a> {
                 *to = *from;
             }
         }
-        Ok(())
+        ControlFlow::Continue(())
     }
 
     /// Carries `g = dJ/d(features) [T][C]` of the last [`Decoder::forward`] back to `du = dJ/du [L][du]`, with the workspace of that
     /// pass.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; `du` is then undefined.
+    /// Breaks off when `check` says so; `du` is then undefined.
     pub fn backward(
         &self,
         g: &[f32],
@@ -262,12 +262,13 @@ impl<'a> Decoder<'a> {
         du: &mut [f32],
         work: &mut Workspace<'_>,
         check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    ) -> ControlFlow<Stop> {
         let tokens = du.len() / self.code_width.max(1);
         let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
         let chunk = work.portion.tokens;
         let mut chain = self.chain(&mut work.spare.overlay(), Way::Back, work.portion, channels.count());
-        let Ok(chain) = &mut chain else { return Ok(()) };
+        invariant!(chain.is_ok(), "{:?}", chain.as_ref().err());
+        let Ok(chain) = &mut chain else { return ControlFlow::Continue(()) };
         let (frames, step) = (tokens * self.upsampling(), chunk * self.upsampling());
         let (mut first, mut du) = (0, du.iter_mut());
         while !chain.ended() {
@@ -282,7 +283,7 @@ impl<'a> Decoder<'a> {
                 *to = *from;
             }
         }
-        Ok(())
+        ControlFlow::Continue(())
     }
 }
 

@@ -51,7 +51,7 @@ impl Gates<'_> {
     /// Of `count` rows, `from` a layer's first row on, the `row`-th there.
     fn of(&mut self, from: usize, row: usize, count: usize) -> &mut [u32] {
         let first = if self.kept.is_some() { from + row } else { 0 };
-        self.bits.get_mut(first * self.words..(first + count) * self.words).unwrap_or(&mut [])
+        part_mut!(self.bits, first * self.words..(first + count) * self.words)
     }
 }
 
@@ -111,12 +111,12 @@ impl Layer<'_, '_> {
             shift_back(sequence, rows * width, skipped * width);
             copy(kept_rows, sequence);
         }
-        let x = sequence.get_mut(skipped * width..(skipped + rows) * width).unwrap_or(&mut []);
+        let x = part_mut!(sequence, skipped * width..(skipped + rows) * width);
         let all = held + rows;
-        copy(kept_q.get(..held * width).unwrap_or(&[]), q);
-        copy(kept_scales.get(..held).unwrap_or(&[]), scales);
-        let new_q = q.get_mut(held * width..all * width).unwrap_or(&mut []);
-        let new_scales = scales.get_mut(held..all).unwrap_or(&mut []);
+        copy(part!(kept_q, ..held * width), q);
+        copy(part!(kept_scales, ..held), scales);
+        let new_q = part_mut!(q, held * width..all * width);
+        let new_scales = part_mut!(scales, held..all);
         match (self, way) {
             (Layer::Residual(layer), Way::Forward) => {
                 layer.activate(x, new_q, new_scales, row, gates.of(outer, entered, rows));
@@ -131,29 +131,30 @@ impl Layer<'_, '_> {
             _ => quantise::rows(x, width, quantise::limit(width), new_q, new_scales),
         }
         if let Layer::Output(_) = self {
+            // Nobody may want to keep them.
             copy(new_q, last.q.get_mut(entered * width..).unwrap_or(&mut []));
             copy(new_scales, last.scales.get_mut(entered..).unwrap_or(&mut []));
         }
         // As many rows are done with as came, zero rows first.
         let done = came.saturating_sub(lead).min(all);
-        copy(q.get(done * width..all * width).unwrap_or(&[]), kept_q);
-        copy(scales.get(done..all).unwrap_or(&[]), kept_scales);
-        copy(sequence.get(came * width..).unwrap_or(&[]), kept_rows);
-        let window = Rows { q: q.get(..all * width).unwrap_or(&[]), scales: scales.get(..all).unwrap_or(&[]) };
+        copy(part!(q, done * width..all * width), kept_q);
+        copy(part!(scales, done..all), kept_scales);
+        copy(part!(sequence, came * width..), kept_rows);
+        let window = Rows { q: part!(q, ..all * width), scales: part!(scales, ..all) };
 
         match (self, way) {
             (Layer::Convolution(conv), Way::Forward) => {
-                let y = sequence.get_mut(..results * conv.outputs()).unwrap_or(&mut []);
+                let y = part_mut!(sequence, ..results * conv.outputs());
                 conv.forward(window, first, y, together, block.acc);
                 mask::relu_rows(y, gates.of(outer, left, results), conv.outputs());
             }
             (Layer::Convolution(conv), Way::Back) => {
-                let dx = sequence.get_mut(..results * conv.inputs()).unwrap_or(&mut []);
+                let dx = part_mut!(sequence, ..results * conv.inputs());
                 conv.backward(window, first, dx, together, block.acc);
             }
             (Layer::Residual(layer), _) => {
-                let x = sequence.get_mut(..came * width).unwrap_or(&mut []);
-                let to = x.get_mut(before * width..).unwrap_or(&mut []);
+                let x = part_mut!(sequence, ..came * width);
+                let to = part_mut!(x, before * width..);
                 match way {
                     Way::Forward => layer.add(window, first, to, block, gates.of(inner, left, results)),
                     Way::Back => layer.add_gradient(window, first, to, block, gates.of(outer, left, results)),
@@ -161,11 +162,11 @@ impl Layer<'_, '_> {
                 shift_forward(x, before * width);
             }
             (Layer::Upsample(conv), _) => {
-                let y = sequence.get_mut(..results * conv.outputs()).unwrap_or(&mut []);
+                let y = part_mut!(sequence, ..results * conv.outputs());
                 conv.forward_upsampled(window, first, y, together, block.acc);
             }
             (Layer::Output(output), _) => {
-                let y = sequence.get_mut(..results * channels.count()).unwrap_or(&mut []);
+                let y = part_mut!(sequence, ..results * channels.count());
                 let acc = &mut *block.acc;
                 let mut scratch = output::Scratch { row: &mut [], q: &mut [], scales: &mut [], together, acc, acc_low };
                 output.forward(window, first, channels, y, &mut scratch);
@@ -192,11 +193,11 @@ fn downsample(
     tail.count.add((rows, zeros));
     let (all, results) = (held + rows + zeros, results_of(tail.count) - before);
     shift_back(sequence, rows * width, held * width);
-    copy(tail.rows.get(..held * width).unwrap_or(&[]), sequence);
-    sequence.get_mut((held + rows) * width..all * width).unwrap_or(&mut []).fill(0.0);
-    copy(sequence.get(2 * results * width..all * width).unwrap_or(&[]), tail.rows);
+    copy(part!(tail.rows, ..held * width), sequence);
+    part_mut!(sequence, (held + rows) * width..all * width).fill(0.0);
+    copy(part!(sequence, 2 * results * width..all * width), tail.rows);
     let mut block_of = GradientBlock { row, sums: &mut *block.rows, q: &mut *block.q, scales: &mut *block.scales };
-    let window = sequence.get_mut(..2 * (results + 1) * width).unwrap_or(&mut []);
+    let window = part_mut!(sequence, ..2 * (results + 1) * width);
     conv.backward_upsampled(window, &mut block_of, block.acc);
     results
 }
@@ -206,7 +207,7 @@ fn downsample(
 fn shift_back(x: &mut [f32], count: usize, by: usize) {
     for first in (0..count).step_by(by.max(1)).rev() {
         let (from, to) = x.split_at_mut_checked(first + by).unwrap_or_default();
-        copy(from.get(first..count.min(first + by)).unwrap_or(&[]), to);
+        copy(part!(from, first..count.min(first + by)), to);
     }
 }
 
@@ -215,7 +216,7 @@ fn shift_forward(x: &mut [f32], by: usize) {
     if by > 0 {
         for first in (by..x.len()).step_by(by) {
             let (to, from) = x.split_at_mut_checked(first).unwrap_or_default();
-            copy(from.get(..by).unwrap_or(from), to.get_mut(first - by..).unwrap_or(&mut []));
+            copy(from.get(..by).unwrap_or(from), part_mut!(to, first - by..));
         }
     }
 }

@@ -2,12 +2,14 @@
 //! [`Decoder::radius_frames`].
 
 use super::chain::Chain;
-use super::decoder::{Check, Decoder, Interrupted, Portion};
+use super::decoder::{Decoder, Portion};
 use super::layer::{Layer, Way};
 use super::step::{Gates, Last};
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::mask;
 use crate::nn::output::Channels;
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
 /// Tokens that pass through the decoder at a time, at most: weights are read once for so many.
 pub const CHUNK: usize = 4;
@@ -60,7 +62,7 @@ impl<'a> Decoder<'a> {
     /// Arena bytes of [`Decoder::stream`] in all.
     #[must_use]
     pub fn stream_bytes(&self, channels: usize) -> usize {
-        self.chain_bytes(Way::Forward, PORTION, channels) + bytes_of::<u32>(self.stream_gates())
+        Arena::measure(|arena| self.stream(arena, channels))
     }
 
     /// Takes the buffers for a motion of any length with at most `channels` output channels, before its first token.
@@ -104,14 +106,13 @@ impl Stream<'_> {
     ///
     /// `channels` must be the same from the first chunk to the last.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check`, asked before every layer, says so. Nothing is lost: the next call carries on there.
+    /// Breaks off when `check`, asked before every layer, says so. Nothing is lost: the next call carries on there.
     pub fn advance(
         &mut self,
         decoder: &Decoder<'_>,
         channels: &Channels,
         check: Check<'_>,
-    ) -> Result<&mut [f32], Interrupted> {
+    ) -> ControlFlow<Stop, &mut [f32]> {
         self.chain.pass(decoder, channels, &mut self.gates, &mut Last::default(), check)
     }
 }

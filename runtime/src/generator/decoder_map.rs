@@ -1,18 +1,19 @@
 //! The road from embeddings to joints that the solver works through.
 
 use super::observer::Watch;
-use crate::decoding::decoder::{Interrupted, Workspace};
+use crate::decoding::decoder::Workspace;
 use crate::model::Model;
 use crate::motion::humanml3d::{Features, Path};
 use crate::nn::output::Channels;
-use crate::perception::anchors::AnchorSet;
-use crate::refining::{MotionMap, Stop};
+use crate::refining::{ControlError, MotionMap, TokenGrid};
+use crate::stop::Stop;
+use core::ops::ControlFlow;
 
 /// The decoder and the recovery of joints as the solver sees them.
 pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
     /// The model.
     pub model: &'s Model<'m>,
-    /// Feature channels that the anchored joints depend on.
+    /// Feature channels that the objective's joints depend on.
     pub channels: &'s Channels,
     /// Normalised features `[T][C]`.
     pub values: &'s mut [f32],
@@ -24,10 +25,8 @@ pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
     pub work: &'s mut Workspace<'w>,
     /// Asked at layer boundaries.
     pub watch: Watch<'o>,
-    /// The anchors, to report how far each evaluation is from them.
-    pub anchors: &'s AnchorSet,
-    /// Frames of the motion.
-    pub frames: usize,
+    /// Tokens of the motion.
+    pub tokens: usize,
     /// False when the last point lay where the model guarantees nothing; its positions are infinite then.
     pub in_range: bool,
 }
@@ -36,49 +35,18 @@ impl DecoderMap<'_, '_, '_, '_> {
     fn features(&self) -> Features<'_> {
         Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() }
     }
-
-    /// Mean distance from the anchors, metres.
-    fn control_error(&self) -> f32 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for anchor in self.anchors.iter() {
-            let [x, y, z] = anchor.residual(self.position(anchor.joint, usize::from(anchor.frame)));
-            sum += libm::sqrtf(x * x + y * y + z * z);
-            count += 1.0;
-        }
-        if count > 0.0 { sum / count } else { 0.0 }
-    }
-}
-
-/// Runs a decoder pass with the observer asked at its layer boundaries.
-fn watched(
-    watch: &mut Watch<'_>,
-    pass: impl FnOnce(&mut dyn FnMut() -> Result<(), Interrupted>) -> Result<(), Interrupted>,
-) -> Result<(), Stop> {
-    let mut stop = Stop::Abort;
-    let mut check = || {
-        watch.ask().map_err(|wish| {
-            stop = wish;
-            Interrupted
-        })
-    };
-    let result = pass(&mut check);
-    result.map_err(|Interrupted| stop)
 }
 
 impl MotionMap for DecoderMap<'_, '_, '_, '_> {
-    fn frames(&self) -> usize {
-        self.frames
-    }
-
-    fn tokens(&self) -> usize {
-        self.frames / self.model.frames_per_token().max(1)
+    fn grid(&self) -> TokenGrid {
+        TokenGrid { tokens: self.tokens, frames_per_token: self.model.frames_per_token() }
     }
 
     fn width(&self) -> usize {
         self.model.decoder().code_width()
     }
 
-    fn forward(&mut self, u: &[f32]) -> Result<(), Stop> {
+    fn forward(&mut self, u: &[f32]) -> ControlFlow<Stop> {
         self.watch.evaluation = self.watch.evaluation.saturating_add(1);
         let limit = self.model.embedding_limit();
         self.in_range = u.iter().all(|v| v.abs() <= limit);
@@ -87,12 +55,16 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         }
         let (decoder, channels) = (self.model.decoder(), self.channels);
         let (values, work) = (&mut *self.values, &mut *self.work);
-        watched(&mut self.watch, |check| decoder.forward(u, channels, values, work, check))?;
+        let watch = &mut self.watch;
+        decoder.forward(u, channels, values, work, &mut || watch.ask())?;
         let features =
             Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
         features.integrate(self.path);
-        let error = self.control_error();
-        self.watch.report(Some(error))
+        ControlFlow::Continue(())
+    }
+
+    fn measured(&mut self, error: &ControlError) -> ControlFlow<Stop> {
+        self.watch.report(Some(error.mean))
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {
@@ -112,14 +84,15 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
         features.add_gradient(self.path, self.gradient, usize::from(joint), frame, d);
     }
 
-    fn backward(&mut self, du: &mut [f32]) -> Result<(), Stop> {
+    fn backward(&mut self, du: &mut [f32]) -> ControlFlow<Stop> {
         let features =
             Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
         let used = self.values.len();
-        let gradient = self.gradient.get_mut(..used).unwrap_or(&mut []);
+        let gradient = part_mut!(self.gradient, ..used);
         features.integrate_gradient(self.path, gradient);
         let (decoder, channels, work) = (self.model.decoder(), self.channels, &mut *self.work);
         let gradient = &*gradient;
-        watched(&mut self.watch, |check| decoder.backward(gradient, channels, du, work, check))
+        let watch = &mut self.watch;
+        decoder.backward(gradient, channels, du, work, &mut || watch.ask())
     }
 }

@@ -1,11 +1,12 @@
 //! Why a request fails.
 
-use crate::arena::ArenaTooSmall;
 use crate::decoding::codebook::TokenOutOfRange;
-use crate::perception::anchors::AnchorError;
+use crate::memory::ArenaTooSmall;
 use crate::perception::prompt::PromptError;
+use crate::plan::PlanError;
 use crate::planning::PlanningError;
 use crate::refining::SolverError;
+use crate::request::conditions::AnchorError;
 
 /// Why a request gave no motion. The generator is usable afterwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,6 +110,20 @@ impl core::error::Error for Error {
 impl From<ArenaTooSmall> for Error {
     fn from(e: ArenaTooSmall) -> Self {
         Error::Arena(e)
+    }
+}
+
+impl From<PlanError> for Error {
+    fn from(e: PlanError) -> Self {
+        match e {
+            PlanError::Tokens { found, limit } => Error::Tokens { found, limit },
+            PlanError::Anchors { found, limit } => Error::Anchors(AnchorError::TooMany { anchors: found, limit }),
+            PlanError::Words { found: 0, .. } => Error::Prompt(PromptError::Empty),
+            PlanError::Words { found, limit } => Error::Prompt(PromptError::TooManyWords { found, limit }),
+            PlanError::Steps { found, limit } => Error::Planning(PlanningError::Steps { found, limit }),
+            PlanError::NoPlanner => Error::Planning(PlanningError::NoPlanner),
+            PlanError::TooLarge => Error::Arena(ArenaTooSmall { needed: usize::MAX, available: 0 }),
+        }
     }
 }
 

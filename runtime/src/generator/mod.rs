@@ -1,5 +1,6 @@
 //! Runs a request: plans its tokens, embeds them, bends them onto the anchors, decodes the joints.
 
+pub(crate) mod buffers;
 mod decoder_map;
 mod environment;
 mod error;
@@ -7,26 +8,27 @@ mod observer;
 mod plan_tokens;
 mod request;
 mod rotations;
-mod stream;
+pub(crate) mod stream;
 
 pub use error::Error;
-pub use observer::{Flow, Observer, Progress, Stage};
+pub use observer::{Observer, Progress, Stage};
 pub use request::{Request, Source};
 pub use stream::{Frame, MotionStream, Segment};
 
 use crate::JOINTS;
-use crate::arena::{Arena, ArenaTooSmall};
-use crate::decoding::decoder::Interrupted;
+pub use crate::blob::SELF_TEST_NUMBERS;
 use crate::hash::Fnv;
 use crate::log;
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
-use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, channels};
-use crate::perception::anchors::{Anchor, AnchorSet, Target};
+use crate::motion::humanml3d::{self, Features, Path, channels};
 use crate::perception::prompt::Heard;
-use crate::plan::{Limits, Plan, ROWS, StreamLimits, feature_columns, rotation_columns};
+use crate::plan::{Limits, Plan, ROWS, StreamLimits};
 use crate::planning::session::Modules;
 use crate::planning::{self, PlanningError};
-use crate::refining::{self, SolverError, Stop};
+use crate::refining::{self, Objective, SolverError};
+use crate::request::conditions::AnchorSet;
+use buffers::{Decoding, rotation_columns};
 use decoder_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
@@ -129,6 +131,13 @@ impl<'a> Motion<'a> {
     }
 }
 
+/// A request that was checked against the model.
+struct Checked {
+    limits: Limits,
+    /// What it asks of the motion, planned with or not.
+    anchors: AnchorSet,
+}
+
 /// Makes motions of one model in one arena.
 #[derive(Debug)]
 pub struct Generator<'a> {
@@ -162,13 +171,27 @@ impl<'a> Generator<'a> {
     /// What this request will need of the arena.
     ///
     /// # Errors
-    /// [`Error::Tokens`] when its length is not allowed, [`Error::Prompt`] or [`Error::Planning`] of a text.
+    /// [`Error::Tokens`] when its length is not allowed, [`Error::Prompt`] or [`Error::Planning`] of a text, [`Error::Anchors`].
     pub fn plan(&self, request: &Request<'_>) -> Result<Plan, Error> {
-        Ok(Plan::for_request(&self.model, &self.limits(request)?))
+        Ok(Plan::for_request(&self.model, &self.check(request)?.limits)?)
     }
 
+    /// Checks all of a request that can be checked before it runs.
+    fn check(&self, request: &Request<'_>) -> Result<Checked, Error> {
+        let mut limits = self.limits(request)?;
+        let frames = limits.tokens * self.model.frames_per_token();
+        let anchors = AnchorSet::of(request.anchors, self.model.frame_rate(), frames)?;
+        if request.refinement.is_some() {
+            limits.anchors = anchors.len();
+        }
+        if let Some(planning) = &mut limits.planning {
+            planning.anchors = request.planning.conditioned && self.seen(&anchors);
+        }
+        Ok(Checked { limits, anchors })
+    }
+
+    /// What the request takes without its anchors.
     fn limits(&self, request: &Request<'_>) -> Result<Limits, Error> {
-        let refined = if request.refinement.is_some() { request.anchors.len() } else { 0 };
         let refinement = request.refinement.unwrap_or_default();
         let limit = self.model.max_tokens();
         let (numbers, each) = match request.source {
@@ -179,22 +202,21 @@ impl<'a> Generator<'a> {
                 let words = text.rows(&prompt)?;
                 let plan = &request.planning;
                 let tokens = plan.check(limit, planner.codes(), self.model.frames_per_token())?;
-                let anchors = plan.conditioned && self.seen(request.anchors);
-                let planning = planning::Limits { words, steps: plan.steps, guided: plan.guided(), anchors };
-                return Ok(Limits { tokens, anchors: refined, refinement, planning: Some(planning), rows: self.rows });
+                let planning = planning::Limits { words, steps: plan.steps, guided: plan.guided(), anchors: false };
+                return Ok(Limits { tokens, anchors: 0, refinement, planning: Some(planning), rows: self.rows });
             }
         };
         let tokens = numbers / each.max(1);
         if tokens == 0 || tokens > limit || !numbers.is_multiple_of(each.max(1)) {
             return Err(Error::Tokens { found: if tokens > limit { tokens } else { numbers }, limit });
         }
-        Ok(Limits { tokens, anchors: refined, refinement, planning: None, rows: self.rows })
+        Ok(Limits { tokens, anchors: 0, refinement, planning: None, rows: self.rows })
     }
 
     /// Whether the planner would see any of `anchors`.
-    fn seen(&self, anchors: &[Anchor]) -> bool {
+    fn seen(&self, anchors: &AnchorSet) -> bool {
         let control = self.model.control();
-        control.is_some_and(|control| anchors.iter().any(|anchor| control.sees(anchor.target.family())))
+        control.is_some_and(|control| anchors.iter().any(|anchor| control.sees(anchor.family)))
     }
 
     /// Makes the motion of `request`. `observer` is asked at every layer boundary.
@@ -210,18 +232,19 @@ impl<'a> Generator<'a> {
     }
 
     fn run(&mut self, request: &Request<'_>, observer: &mut dyn Observer) -> Result<Motion<'_>, Error> {
-        let limits = self.limits(request)?;
+        let Checked { limits, anchors } = self.check(request)?;
         let model = &self.model;
         let decoder = model.decoder();
-        let frames = limits.tokens * model.frames_per_token();
-        let anchors = AnchorSet::new(request.anchors, frames)?;
 
         let mut arena = Arena::new(self.arena);
-        let too_small = |e: ArenaTooSmall| {
-            Error::Arena(ArenaTooSmall { needed: Plan::for_request(model, &limits).arena_bytes, ..e })
-        };
+        // Nothing is planned that could not be decoded.
+        let (needed, available) = (Plan::for_request(model, &limits)?.arena_bytes, arena.available());
+        let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
+        if needed > available {
+            return Err(Error::Arena(ArenaTooSmall { needed, available }));
+        }
         let quantizers = model.codebooks().quantizers();
-        let tokens = arena.take::<u16>(limits.tokens * quantizers).map_err(too_small)?;
+        let tokens = buffers::tokens(model, &limits, &mut arena).map_err(too_small)?;
         let mut peak = 0;
         let mut unconditioned = anchors.len() as u16;
         let mut made = Planned { tokens: limits.tokens, heard: Heard::default() };
@@ -229,11 +252,6 @@ impl<'a> Generator<'a> {
             (request.source, &limits.planning, model.planning())
         {
             let shortest = anchors.last_frame().map_or(1, |f| usize::from(f) / model.frames_per_token().max(1) + 1);
-            // Nothing is planned that could not be decoded.
-            let (needed, available) = (Plan::for_request(model, &limits).arena_bytes, arena.available());
-            if needed > available {
-                return Err(Error::Arena(ArenaTooSmall { needed, available }));
-            }
             let mut overlay = arena.overlay();
             let plan = &request.planning;
             made = plan_tokens(
@@ -255,33 +273,20 @@ impl<'a> Generator<'a> {
         }
         // A predicted length may be shorter than what the buffers are made for.
         let frames = made.tokens * model.frames_per_token();
-        let tokens = tokens.get_mut(..made.tokens * quantizers).unwrap_or(&mut []);
-        let mut take = |count| arena.take::<f32>(count).map_err(too_small);
-        let most = limits.tokens * model.frames_per_token();
-        let u = take(limits.tokens * decoder.code_width())?;
-        let u = u.get_mut(..made.tokens * decoder.code_width()).unwrap_or(&mut []);
-        let features = take(most * feature_columns(limits.anchors))?;
-        let mut path = Path {
-            cos: take(most)?,
-            sin: take(most)?,
-            x: take(most)?,
-            z: take(most)?,
-            d_angle: take(most)?,
-            d_x: take(most)?,
-            d_z: take(most)?,
-        };
-        let mut work =
-            decoder.workspace(&mut arena, limits.tokens, POSITION_CHANNELS, limits.rows).map_err(too_small)?;
+        let tokens = part_mut!(tokens, ..made.tokens * quantizers);
+        let Decoding { u, features, mut path, mut work, .. } =
+            Decoding::take(model, &limits, &mut arena).map_err(too_small)?;
+        let u = part_mut!(u, ..made.tokens * decoder.code_width());
         let tokens = embed(model, request.source, tokens, u)?;
 
         let mut refinement = None;
         if limits.anchors > 0 {
             let config = limits.refinement;
-            let scratch = refining::scratch_len(limits.tokens, decoder.code_width(), limits.anchors, &config);
             let mut overlay = arena.overlay();
-            let scratch = overlay.take::<f32>(scratch).map_err(too_small)?;
+            let scratch = buffers::solver(model, &limits, &mut overlay).map_err(too_small)?;
             peak = peak.max(overlay.used());
-            let selected = channels(anchored_joints(request.anchors));
+            let objective = Objective::new(&anchors, &config);
+            let selected = channels(objective.joints());
             let (values, gradient) = features.split_at_mut_checked(frames * selected.count()).unwrap_or_default();
             let mut map = DecoderMap {
                 model,
@@ -289,13 +294,12 @@ impl<'a> Generator<'a> {
                 values,
                 gradient,
                 path: &mut path,
-                anchors: &anchors,
                 work: &mut work,
                 watch: Watch { observer, stage: Stage::Refining, evaluation: 0, evaluations: config.evaluations },
-                frames,
+                tokens: made.tokens,
                 in_range: true,
             };
-            refinement = match refining::solve(&mut map, u, &anchors, &config, scratch) {
+            refinement = match refining::solve(&mut map, u, &objective, &config, scratch) {
                 Ok(report) => {
                     log::debug!("refined: {}", report);
                     Some(report)
@@ -306,18 +310,15 @@ impl<'a> Generator<'a> {
         }
 
         let all = channels(u32::MAX);
-        let values = features.get_mut(..frames * all.count()).unwrap_or(&mut []);
+        let values = part_mut!(features, ..frames * all.count());
         let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
-        // A wish to finish is granted by carrying on: this pass is the end.
-        let mut check = || match watch.ask() {
-            Err(Stop::Abort) => Err(Interrupted),
-            Ok(()) | Err(Stop::Finish) => Ok(()),
-        };
+        let (q, scales) = buffers::rotation_rows(model, &limits, &mut arena).map_err(too_small)?;
         let columns = rotation_columns(decoder.output());
-        let (q, scales) = (arena.take(most * columns), arena.take(if columns > 0 { most } else { 0 }));
-        let (q, scales) = (q.map_err(too_small)?, scales.map_err(too_small)?);
-        work.keep(q.get_mut(..frames * columns).unwrap_or(&mut []), scales.get_mut(..frames).unwrap_or(&mut []));
-        decoder.forward(u, &all, values, &mut work, &mut check).map_err(|Interrupted| Error::Aborted)?;
+        let kept = if columns > 0 { frames } else { 0 };
+        work.keep(part_mut!(q, ..kept * columns), part_mut!(scales, ..kept));
+        if decoder.forward(u, &all, values, &mut work, &mut || watch.ask_at_the_end()).is_break() {
+            return Err(Error::Aborted);
+        }
         let (mean, std) = (model.mean(), model.std());
         Features { values, channels: &all, mean, std }.integrate(&mut path);
         let joints = humanml3d::joints(values, &path, mean, std);
@@ -366,9 +367,6 @@ impl<'a> Generator<'a> {
     }
 }
 
-/// Token numbers a self-test may have.
-pub const SELF_TEST_NUMBERS: usize = 64;
-
 /// Fills `u` from tokens (the request's, or those that were planned) or embeddings. The tokens come back.
 fn embed<'t>(model: &Model<'_>, source: Source<'_>, tokens: &'t mut [u16], u: &mut [f32]) -> Result<&'t [u16], Error> {
     match source {
@@ -391,12 +389,4 @@ fn embed<'t>(model: &Model<'_>, source: Source<'_>, tokens: &'t mut [u16], u: &m
     }
     model.codebooks().embed(tokens, u)?;
     Ok(tokens)
-}
-
-/// Bit mask of the joints that anchors control.
-fn anchored_joints(anchors: &[Anchor]) -> u32 {
-    anchors.iter().fold(0, |mask, anchor| match anchor.target {
-        Target::Root(_) | Target::PlanarRoot(_) => mask,
-        Target::Joint { joint, .. } => mask | 1u32.wrapping_shl(u32::from(joint)),
-    })
 }

@@ -1,6 +1,7 @@
 //! Who watches the work and may end it.
 
-use crate::refining::Stop;
+use crate::stop::Stop;
+use core::ops::ControlFlow;
 
 /// A stage of the work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,25 +31,12 @@ pub struct Progress {
     pub control_error: Option<f32>,
 }
 
-/// What the observer wants.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Flow {
-    /// Go on.
-    Continue,
-    /// Finish with the best so far. Refinement ends, the motion is decoded and returned. Planning ends with its last
-    /// proposals; before there are any, as soon as the first step has made them.
-    Finish,
-    /// Stop at once, no motion.
-    Abort,
-}
-
 /// Watches the work and may end it at any layer boundary.
 pub trait Observer {
-    /// Called at every layer boundary.
-    fn progress(&mut self, progress: Progress) -> Flow {
+    /// Called at every layer boundary; breaks off to [`Stop`].
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         let _ = progress;
-        Flow::Continue
+        ControlFlow::Continue(())
     }
 
     /// Called behind every step of the planner, counted from 0, with the tokens it has left.
@@ -72,18 +60,22 @@ pub(super) struct Watch<'o> {
 }
 
 impl Watch<'_> {
-    /// Reports progress; a wish to end the work comes back as an error.
-    pub fn ask(&mut self) -> Result<(), Stop> {
+    /// Reports progress.
+    pub fn ask(&mut self) -> ControlFlow<Stop> {
         self.report(None)
     }
 
     /// The same, with what a completed evaluation gave.
-    pub fn report(&mut self, control_error: Option<f32>) -> Result<(), Stop> {
+    pub fn report(&mut self, control_error: Option<f32>) -> ControlFlow<Stop> {
         let Watch { stage, evaluation, evaluations, .. } = *self;
-        match self.observer.progress(Progress { stage, evaluation, evaluations, control_error }) {
-            Flow::Continue => Ok(()),
-            Flow::Finish => Err(Stop::Finish),
-            Flow::Abort => Err(Stop::Abort),
+        self.observer.progress(Progress { stage, evaluation, evaluations, control_error })
+    }
+
+    /// The same where the work is about to end: [`Stop::Finish`] is granted by carrying on.
+    pub fn ask_at_the_end(&mut self) -> ControlFlow<Stop> {
+        match self.ask() {
+            ControlFlow::Break(Stop::Finish) => ControlFlow::Continue(()),
+            flow => flow,
         }
     }
 }

@@ -2,14 +2,14 @@
 
 use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
-use crate::arena::Arena;
 use crate::hash::Stream;
-use crate::nn::Interrupted;
-use crate::perception::anchors::AnchorSet;
+use crate::memory::Arena;
 use crate::perception::prompt::{Heard, Prompt};
 use crate::planning::session::Modules;
 use crate::planning::{Length, Limits, Planning, Session};
-use crate::refining::Stop;
+use crate::request::conditions::AnchorSet;
+use crate::stop::Stop;
+use core::ops::ControlFlow;
 
 /// What planning settled.
 #[derive(Debug, Clone, Copy)]
@@ -20,28 +20,23 @@ pub(super) struct Planned {
     pub heard: Heard,
 }
 
-/// What the observer has wished for.
-#[derive(Debug, Clone, Copy, Default)]
-struct Wish {
-    finish: bool,
-    /// Whether there are proposals to finish with.
+/// Asks the observer, and puts [`Stop::Finish`] off until there are proposals to finish with.
+struct Finishing<'w, 'o> {
+    watch: &'w mut Watch<'o>,
+    /// The end was asked for.
+    wanted: bool,
+    /// There are proposals.
     ready: bool,
-    abort: bool,
 }
 
-impl Wish {
-    /// Asks the observer. A wish to finish ends the pass only when there is something to finish with.
-    fn ask(&mut self, watch: &mut Watch<'_>) -> Result<(), Interrupted> {
-        match watch.ask() {
-            Ok(()) => Ok(()),
-            Err(Stop::Abort) => {
-                self.abort = true;
-                Err(Interrupted)
-            }
-            Err(Stop::Finish) => {
-                self.finish = true;
-                if self.ready { Err(Interrupted) } else { Ok(()) }
-            }
+impl Finishing<'_, '_> {
+    fn ask(&mut self) -> ControlFlow<Stop> {
+        let flow = self.watch.ask();
+        self.wanted |= flow == ControlFlow::Break(Stop::Finish);
+        if self.wanted && !self.ready && flow != ControlFlow::Break(Stop::Abort) {
+            ControlFlow::Continue(())
+        } else {
+            flow
         }
     }
 }
@@ -62,10 +57,9 @@ pub(super) fn plan_tokens(
     observer: &mut dyn Observer,
 ) -> Result<Planned, Error> {
     let mut session = Session::new(modules, arena, tokens.len(), limits, rows).map_err(Error::Arena)?;
-    let mut wish = Wish::default();
     let mut watch = Watch { observer, stage: Stage::Reading, evaluation: 1, evaluations: 1 };
-    let heard = session.read(prompt, &mut || wish.ask(&mut watch))?;
-    let heard = heard.map_err(|Interrupted| Error::Aborted)?;
+    let mut end = Finishing { watch: &mut watch, wanted: false, ready: false };
+    let ControlFlow::Continue(heard) = session.read(prompt, &mut || end.ask())? else { return Err(Error::Aborted) };
 
     let mut count = tokens.len();
     if planning.length == Length::Predicted {
@@ -80,33 +74,35 @@ pub(super) fn plan_tokens(
             count = wanted;
         }
     }
-    let tokens = tokens.get_mut(..count).unwrap_or(&mut []);
-    if let Some(anchors) = anchors {
-        session.anchor(anchors, count, &mut || wish.ask(&mut watch)).map_err(|Interrupted| Error::Aborted)?;
+    let tokens = part_mut!(tokens, ..count);
+    if let Some(anchors) = anchors
+        && session.anchor(anchors, count, &mut || end.ask()).is_break()
+    {
+        return Err(Error::Aborted);
     }
 
-    let mut stream = Stream::new(planning.seed);
-    session.begin(planning, &mut stream, tokens);
-    watch.stage = Stage::Planning;
-    watch.evaluations = planning.steps;
+    let mut random = Stream::new(planning.seed);
+    session.begin(planning, &mut random, tokens);
+    end.watch.stage = Stage::Planning;
+    end.watch.evaluations = planning.steps;
     for step in 0..planning.steps {
-        watch.evaluation = step + 1;
+        end.watch.evaluation = step + 1;
         let time = planning.schedule.time(step, planning.steps);
-        if session.pass(tokens, time, planning, &mut || wish.ask(&mut watch)).is_err() {
-            if wish.abort {
-                return Err(Error::Aborted);
+        match session.pass(tokens, time, planning, &mut || end.ask()) {
+            ControlFlow::Continue(()) => {}
+            ControlFlow::Break(Stop::Abort) => return Err(Error::Aborted),
+            ControlFlow::Break(Stop::Finish) => {
+                for (to, from) in tokens.iter_mut().zip(session.proposal()) {
+                    *to = *from;
+                }
+                break;
             }
-            for (to, from) in tokens.iter_mut().zip(session.proposal()) {
-                *to = *from;
-            }
-            break;
         }
-        let last = wish.finish || step + 1 == planning.steps;
+        let last = end.wanted || step + 1 == planning.steps;
         let next = planning.schedule.time(step + 1, planning.steps);
-        let stride = session.tmd().step(time, next);
-        session.advance(planning, if last { None } else { Some(&stride) }, &mut stream, tokens);
-        wish.ready = true;
-        watch.observer.tokens(step, tokens);
+        session.advance(planning, if last { None } else { Some((time, next)) }, &mut random, tokens);
+        end.ready = true;
+        end.watch.observer.tokens(step, tokens);
         if last {
             break;
         }

@@ -1,9 +1,9 @@
 //! What is to be made.
 
-use crate::perception::anchors::Anchor;
 use crate::perception::prompt::Prompt;
 use crate::planning::{Fixed, Length, Planning, Sampling, Schedule};
 use crate::refining::Config;
+use crate::request::conditions::{AnchorList, AsAnchors};
 
 /// Where the motion comes from.
 #[derive(Debug, Clone, Copy)]
@@ -22,7 +22,7 @@ pub struct Request<'r> {
     /// Where the motion comes from.
     pub source: Source<'r>,
     /// Where it must pass: what the planner sees of a text's anchors, and what the refinement meets. Empty: neither.
-    pub anchors: &'r [Anchor],
+    pub anchors: AnchorList<'r>,
     /// How it is bent there; `None` leaves the motion as it is.
     pub refinement: Option<Config>,
     /// How tokens are planned; of no account for tokens and embeddings.
@@ -33,13 +33,23 @@ impl<'r> Request<'r> {
     /// The motion of `tokens`, without anchors.
     #[must_use]
     pub const fn tokens(tokens: &'r [u16]) -> Self {
-        Request { source: Source::Tokens(tokens), anchors: &[], refinement: None, planning: Planning::DEFAULT }
+        Request {
+            source: Source::Tokens(tokens),
+            anchors: AnchorList::Frames(&[]),
+            refinement: None,
+            planning: Planning::DEFAULT,
+        }
     }
 
     /// The motion of embeddings `u`, without anchors.
     #[must_use]
     pub const fn embeddings(u: &'r [f32]) -> Self {
-        Request { source: Source::Embeddings(u), anchors: &[], refinement: None, planning: Planning::DEFAULT }
+        Request {
+            source: Source::Embeddings(u),
+            anchors: AnchorList::Frames(&[]),
+            refinement: None,
+            planning: Planning::DEFAULT,
+        }
     }
 
     /// The motion of a text, planned with the defaults of [`Planning`].
@@ -57,7 +67,12 @@ impl<'r> Request<'r> {
     /// The motion of a prompt.
     #[must_use]
     pub const fn prompt(prompt: Prompt<'r>) -> Self {
-        Request { source: Source::Text(prompt), anchors: &[], refinement: None, planning: Planning::DEFAULT }
+        Request {
+            source: Source::Text(prompt),
+            anchors: AnchorList::Frames(&[]),
+            refinement: None,
+            planning: Planning::DEFAULT,
+        }
     }
 
     /// The same with another plan altogether.
@@ -120,10 +135,17 @@ impl<'r> Request<'r> {
         Request { planning: Planning { conditioned: false, ..self.planning }, ..self }
     }
 
-    /// The same through `anchors`, bent onto them with the default refinement.
+    /// The same with `anchors` ([`Anchors`](crate::Anchors), or a list of [`Anchor`](crate::Anchor)s) and the refinement that it has:
+    /// without one, only the planner sees them.
     #[must_use]
-    pub fn through(self, anchors: &'r [Anchor]) -> Self {
-        Request { anchors, refinement: Some(Config::default()), ..self }
+    pub fn anchors<A: AsAnchors + ?Sized>(self, anchors: &'r A) -> Self {
+        Request { anchors: anchors.as_anchors(), ..self }
+    }
+
+    /// The same with `anchors`, as [`Request::anchors`], bent onto them with the default refinement.
+    #[must_use]
+    pub fn through<A: AsAnchors + ?Sized>(self, anchors: &'r A) -> Self {
+        self.anchors(anchors).refined(Config::default())
     }
 
     /// The same with another refinement.

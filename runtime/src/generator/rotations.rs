@@ -1,10 +1,10 @@
 //! A motion's own joint rotations, computed when they are asked for.
 
+use super::buffers::rotation_columns;
 use crate::motion::Pose;
 use crate::motion::rotations::{CHANNELS, FIRST, turned};
 use crate::nn::conv1d::Rows;
 use crate::nn::output::{Channels, Output, Scratch};
-use crate::plan::rotation_columns;
 
 /// What a motion's rotations are computed from: the last layer's input, as it was left in the arena.
 #[derive(Debug, Clone, Copy)]

@@ -4,17 +4,17 @@ use super::observer::{Stage, Watch};
 use super::plan_tokens::plan_tokens;
 use super::{Error, Generator, Observer, Request, Source};
 use crate::JOINTS;
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::decoding::codebook::Codebooks;
-use crate::decoding::decoder::Interrupted;
 use crate::decoding::stream::{self, CHUNK};
 use crate::log;
+use crate::memory::{Arena, ArenaTooSmall, bytes_of};
 use crate::model::{MAX_TOKENS, Model};
 use crate::motion::humanml3d::{self, Features, POSITION_CHANNELS, Path, Root, channels};
 use crate::perception::prompt::Heard;
 use crate::plan::{StreamLimits, StreamPlan};
+use crate::planning::session::Modules;
 use crate::planning::{self, Fixed, Length, Planning, PlanningError};
-use crate::refining::Stop;
+use core::ops::ControlFlow;
 use heapless::Vec;
 
 /// A frame: the position of each joint, metres.
@@ -99,7 +99,7 @@ impl Memory<'_> {
 
     /// `count` positions from `first` on.
     fn get(&self, first: usize, count: usize) -> &[u16] {
-        self.tokens.get(first * self.quantizers..(first + count) * self.quantizers).unwrap_or(&[])
+        part!(self.tokens, first * self.quantizers..(first + count) * self.quantizers)
     }
 
     /// Queues tokens for which there is room. The oldest make way.
@@ -123,6 +123,40 @@ impl Memory<'_> {
     }
 }
 
+/// The buffers of a stream, declared once; a segment's planning takes what lies behind them.
+#[derive(Debug)]
+pub(crate) struct Buffers<'g> {
+    tokens: &'g mut [u16],
+    path: Path<'g>,
+    decoder: stream::Stream<'g>,
+    /// Of these, bytes of the tokens, and of the path.
+    pub token_bytes: usize,
+    pub path_bytes: usize,
+}
+
+impl<'g> Buffers<'g> {
+    pub fn take(model: &Model<'_>, limits: &StreamLimits, arena: &mut Arena<'g>) -> Result<Self, ArenaTooSmall> {
+        let begin = arena.used();
+        let tokens = arena.take(limits.tokens * model.codebooks().quantizers())?;
+        let token_bytes = arena.used() - begin;
+        let path = Path::take(arena, CHUNK * model.frames_per_token(), false)?;
+        let path_bytes = arena.used() - begin - token_bytes;
+        let decoder = model.decoder().stream(arena, POSITION_CHANNELS)?;
+        Ok(Buffers { tokens, path, decoder, token_bytes, path_bytes })
+    }
+}
+
+/// What planning a segment takes: the window of up to `capacity` tokens, and the session behind it.
+pub(crate) fn planning_bytes(
+    modules: &Modules<'_, '_>,
+    capacity: usize,
+    tokens: usize,
+    limits: &planning::Limits,
+    rows: usize,
+) -> usize {
+    bytes_of::<u16>(capacity).saturating_add(modules.bytes(tokens, limits, rows).all())
+}
+
 impl<'a> Generator<'a> {
     /// Begins a motion that is made piece by piece. It starts at the origin facing +z, as any other does.
     ///
@@ -131,36 +165,23 @@ impl<'a> Generator<'a> {
     /// [`PlanningError::NoPlanner`] when they plan without a planner.
     pub fn stream(&mut self, limits: &StreamLimits) -> Result<MotionStream<'_, 'a>, Error> {
         let model = &self.model;
-        if limits.tokens == 0 || limits.tokens > model.max_tokens() {
-            return Err(Error::Tokens { found: limits.tokens, limit: model.max_tokens() });
-        }
-        if limits.planning.is_some() && model.planning().is_none() {
-            return Err(PlanningError::NoPlanner.into());
-        }
         let mut arena = Arena::new(self.arena);
-        let (needed, available) = (StreamPlan::new(model, limits).arena_bytes, arena.available());
+        let (needed, available) = (StreamPlan::new(model, limits)?.arena_bytes, arena.available());
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
         if needed > available {
             return Err(Error::Arena(ArenaTooSmall { needed, available }));
         }
-        let quantizers = model.codebooks().quantizers();
-        let tokens = arena.take(limits.tokens * quantizers).map_err(too_small)?;
-        let frames = CHUNK * model.frames_per_token();
-        let mut take = |count| arena.take::<f32>(count).map_err(too_small);
-        let path = Path {
-            cos: take(frames)?,
-            sin: take(frames)?,
-            x: take(frames)?,
-            z: take(frames)?,
-            d_angle: &mut [],
-            d_x: &mut [],
-            d_z: &mut [],
-        };
-        let decoder = model.decoder().stream(&mut arena, POSITION_CHANNELS).map_err(too_small)?;
+        let Buffers { tokens, path, decoder, .. } = Buffers::take(model, limits, &mut arena).map_err(too_small)?;
         Ok(MotionStream {
             model,
             decoder,
-            memory: Memory { tokens, quantizers, known: 0, queued: 0, forgotten: false },
+            memory: Memory {
+                tokens,
+                quantizers: model.codebooks().quantizers(),
+                known: 0,
+                queued: 0,
+                forgotten: false,
+            },
             path,
             root: Root::default(),
             chunk: 0,
@@ -318,8 +339,7 @@ impl MotionStream<'_, '_> {
         planning.check(capacity, codes, frames_per_token)?;
 
         let limits = planning::Limits { words, steps: planning.steps, guided: planning.guided(), anchors: false };
-        let needed =
-            self.spare.used() + bytes_of::<u16>(capacity) + modules.bytes(context + count, &limits, self.rows).all();
+        let needed = self.spare.used() + planning_bytes(&modules, capacity, context + count, &limits, self.rows);
         let available = self.spare.available();
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
         if needed > available {
@@ -327,11 +347,11 @@ impl MotionStream<'_, '_> {
         }
         let mut arena = self.spare.overlay();
         let window = arena.take::<u16>(capacity).map_err(too_small)?;
-        let window = window.get_mut(..context + count).unwrap_or(&mut []);
+        let window = part_mut!(window, ..context + count);
         let planned =
             plan_tokens(modules, (&limits, self.rows), &mut arena, &prompt, &planning, 1, None, window, observer)?;
         log::debug!("planned {} tokens behind {}", count, context);
-        self.memory.push(window.get(context..).unwrap_or(&[]));
+        self.memory.push(part!(window, context..));
         self.segment = self.segment.wrapping_add(1);
         Ok(Segment { tokens: count, heard: planned.heard })
     }
@@ -345,7 +365,7 @@ impl MotionStream<'_, '_> {
     /// [`StreamPlan::frames`] of them and perhaps none. `None`: all tokens have been decoded; after
     /// [`MotionStream::finish`] also all frames handed out.
     ///
-    /// The observer is asked before every layer. [`Flow::Finish`](super::Flow::Finish) is granted by carrying on, since a
+    /// The observer is asked before every layer. [`Stop::Finish`](crate::Stop::Finish) is granted by carrying on, since a
     /// chunk ends soon.
     ///
     /// # Errors
@@ -369,12 +389,9 @@ impl MotionStream<'_, '_> {
             }
         }
         let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
-        let mut check = || match watch.ask() {
-            Err(Stop::Abort) => Err(Interrupted),
-            Ok(()) | Err(Stop::Finish) => Ok(()),
-        };
         let all = channels(u32::MAX);
-        let values = self.decoder.advance(decoder, &all, &mut check).map_err(|Interrupted| Error::Aborted)?;
+        let flow = self.decoder.advance(decoder, &all, &mut || watch.ask_at_the_end());
+        let ControlFlow::Continue(values) = flow else { return Err(Error::Aborted) };
         let frames = values.len() / all.count().max(1);
         self.memory.queued = self.memory.queued.saturating_sub(self.chunk);
         self.held = (self.held + self.chunk * self.model.frames_per_token()).saturating_sub(frames);

@@ -6,6 +6,7 @@
 
 use crate::JOINTS;
 use crate::angle::sin_cos;
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::output::Channels;
 use core::f32::consts::PI;
 
@@ -58,6 +59,19 @@ pub struct Path<'a> {
     pub d_x: &'a mut [f32],
     /// dJ/dz of the root
     pub d_z: &'a mut [f32],
+}
+
+impl<'a> Path<'a> {
+    /// Takes the buffers for so many frames, those of the gradient only if it is wanted.
+    ///
+    /// # Errors
+    /// [`ArenaTooSmall`].
+    pub fn take(arena: &mut Arena<'a>, frames: usize, gradient: bool) -> Result<Self, ArenaTooSmall> {
+        let (cos, sin, x, z) = (arena.take(frames)?, arena.take(frames)?, arena.take(frames)?, arena.take(frames)?);
+        let frames = if gradient { frames } else { 0 };
+        let (d_angle, d_x, d_z) = (arena.take(frames)?, arena.take(frames)?, arena.take(frames)?);
+        Ok(Path { cos, sin, x, z, d_angle, d_x, d_z })
+    }
 }
 
 /// Where the root stands and faces: what the integration carries from one frame to the next.

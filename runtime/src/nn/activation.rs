@@ -1,8 +1,17 @@
 //! Activations of feed-forward layers.
 
 use super::exp::gelu;
-use crate::blob::Activation;
 use crate::kernels::wide;
+use serde::Serialize;
+
+/// Activation of a feed-forward layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Activation {
+    /// `max(x, 0)`
+    Relu,
+    /// `x/2 (1 + erf(x / sqrt 2))`
+    Gelu,
+}
 
 /// `x <- f(x)`: ReLU, or GELU `x/2 (1 + erf(x / sqrt 2))`.
 #[inline(never)]

@@ -118,17 +118,17 @@ pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32]
         let columns = head * dh..(head + 1) * dh;
         let each = q.chunks_exact(width).zip(scratch.q.chunks_exact_mut(dh)).zip(scratch.scales.iter_mut());
         for ((q, to), scale) in each {
-            *scale = quantise::row(q.get(columns.clone()).unwrap_or(&[]), to, quantise::limit(dh));
+            *scale = quantise::row(part!(q, columns.clone()), to, quantise::limit(dh));
         }
-        let queries = scratch.q.get(..rows * dh).unwrap_or(&[]);
+        let queries = part!(scratch.q, ..rows * dh);
         let mut first = 0;
         for s in segments {
             let n = s.rows;
-            linear_s16s8(queries, s.keys.get(head * n * dh..(head + 1) * n * dh).unwrap_or(&[]), dh, n, scratch.acc);
-            let key_scales = s.key_scales.get(head * n..(head + 1) * n).unwrap_or(&[]);
+            linear_s16s8(queries, part!(s.keys, head * n * dh..(head + 1) * n * dh), dh, n, scratch.acc);
+            let key_scales = part!(s.key_scales, head * n..(head + 1) * n);
             let each = scratch.scores.chunks_exact_mut(keys).zip(scratch.acc.chunks_exact(n.max(1)));
             for ((scores, acc), scale) in each.zip(scratch.scales.iter()).take(rows) {
-                let (factor, scores) = (*scale * root, scores.get_mut(first..).unwrap_or(&mut []));
+                let (factor, scores) = (*scale * root, part_mut!(scores, first..));
                 wide!({
                     for ((to, acc), key_scale) in scores.iter_mut().zip(acc).zip(key_scales) {
                         *to = *acc as f32 * factor * *key_scale;
@@ -137,11 +137,11 @@ pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32]
             }
             first += n;
         }
-        softmax::rows(scratch.scores.get_mut(..rows * keys).unwrap_or(&mut []), keys);
+        softmax::rows(part_mut!(scratch.scores, ..rows * keys), keys);
         for (scores, step) in scratch.scores.chunks_exact_mut(keys).zip(&mut steps).take(rows) {
             let mut rest = scores.iter_mut();
             for s in segments {
-                let value_scales = s.value_scales.get(head * s.rows..(head + 1) * s.rows).unwrap_or(&[]);
+                let value_scales = part!(s.value_scales, head * s.rows..(head + 1) * s.rows);
                 for (p, scale) in rest.by_ref().take(s.rows).zip(value_scales) {
                     *p *= *scale;
                 }
@@ -151,14 +151,14 @@ pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32]
         let mut first = 0;
         for s in segments {
             let n = s.rows;
-            let p = scratch.p.get_mut(..rows * n).unwrap_or(&mut []);
+            let p = part_mut!(scratch.p, ..rows * n);
             for ((p, scores), step) in p.chunks_exact_mut(n.max(1)).zip(scratch.scores.chunks_exact(keys)).zip(&steps) {
-                quantise::part(scores.get(first..first + n).unwrap_or(&[]), *step, p);
+                quantise::part(part!(scores, first..first + n), *step, p);
             }
-            let values = s.values.get(head * n * dh..(head + 1) * n * dh).unwrap_or(&[]);
+            let values = part!(s.values, head * n * dh..(head + 1) * n * dh);
             linear_transposed_s16s8(p, values, dh, n, scratch.acc);
             for ((out, acc), step) in out.chunks_exact_mut(width).zip(scratch.acc.chunks_exact(dh)).zip(&steps) {
-                let out = out.get_mut(columns.clone()).unwrap_or(&mut []);
+                let out = part_mut!(out, columns.clone());
                 wide!({
                     for (y, a) in out.iter_mut().zip(acc) {
                         *y += *a as f32 * step.scale;

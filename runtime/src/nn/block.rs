@@ -7,19 +7,48 @@
 //! so that nothing but keys and values is kept a row. A stack's blocks stay in the tensor table and are resolved one at a
 //! time as they are run: a model costs no memory a layer.
 
-use super::activation;
+use super::activation::{self, Activation};
 use super::attention::{self, Heads, Segment, SegmentMut, attend};
 use super::conv1d::{Rows, larger};
 use super::linear::Linear;
 use super::norm::{LayerNorm, MAX_INPUT};
 use super::quantise;
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
-use crate::blob::{Activation, Error, Norm, Tensors, TransformerConfig};
+use crate::blob::{Error, Tensors};
 use crate::kernels::room;
+use crate::memory::{Arena, ArenaTooSmall};
 use heapless::Vec;
+use serde::Serialize;
 
 /// Segments that self-attention may read: a sequence's own rows and those that something else adds.
 pub const MAX_SEGMENTS: usize = 2;
+
+/// Where a transformer block normalises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Norm {
+    /// What goes into each sublayer: `x += f(LN x)`.
+    Pre,
+    /// What comes out of each skip connection: `x = LN(x + f(x))`.
+    Post,
+}
+
+/// Shape of a stack of transformer blocks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TransformerConfig {
+    /// Width of a row.
+    pub width: u16,
+    /// Attention heads; they divide the width.
+    pub heads: u8,
+    /// Blocks.
+    pub layers: u8,
+    /// Width of the feed-forward layer.
+    pub hidden: u16,
+    /// Where blocks normalise.
+    pub norm: Norm,
+    /// Activation of the feed-forward layer.
+    pub activation: Activation,
+    /// Added to the variance under the root.
+    pub epsilon: f32,
+}
 
 /// Cross-attention of a block.
 #[derive(Debug, Clone, Copy)]
@@ -124,20 +153,6 @@ pub struct Scratch<'w> {
 }
 
 impl<'w> Scratch<'w> {
-    /// Arena bytes of [`Scratch::new`].
-    #[must_use]
-    pub const fn bytes(sizes: &Sizes) -> usize {
-        2 * bytes_of::<f32>(sizes.rows * sizes.width)
-            + bytes_of::<f32>(sizes.rows * sizes.hidden)
-            + bytes_of::<i16>(sizes.q())
-            + bytes_of::<f32>(sizes.rows)
-            + bytes_of::<i16>(sizes.rows * sizes.head)
-            + bytes_of::<f32>(sizes.rows)
-            + bytes_of::<f32>(sizes.rows * sizes.keys)
-            + bytes_of::<i16>(sizes.rows * sizes.keys)
-            + bytes_of::<i32>(sizes.acc())
-    }
-
     /// Takes the buffers.
     ///
     /// # Errors
@@ -184,7 +199,7 @@ impl<'w> Scratch<'w> {
 fn quantised<'q>(x: &[f32], width: usize, q: &'q mut [i16], scales: &'q mut [f32]) -> Rows<'q> {
     quantise::rows(x, width, quantise::limit(width), q, scales);
     let rows = x.len() / width.max(1);
-    Rows { q: q.get(..rows * width).unwrap_or(&[]), scales: scales.get(..rows).unwrap_or(&[]) }
+    Rows { q: part!(q, ..rows * width), scales: part!(scales, ..rows) }
 }
 
 impl<'a> Block<'a> {

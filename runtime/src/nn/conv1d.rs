@@ -8,6 +8,7 @@ use super::epilogue::{self, Affine};
 use super::quantise;
 use crate::blob::{DType, Error, Tensors};
 use crate::kernels::{linear_s16s8, linear_transposed_s16s8, room, wide};
+use serde::Serialize;
 
 /// Length of accumulators for so many rows of `sums` sums of `terms` terms, [`room`] behind them included.
 #[must_use]
@@ -47,6 +48,23 @@ pub struct Shape {
     pub outputs: u16,
 }
 
+/// Rows of nothing before and behind a sequence, that a convolution's taps may reach.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Padding {
+    /// Rows before the first: how far an output row looks back.
+    pub left: u16,
+    /// Rows behind the last: how far an output row looks ahead.
+    pub right: u16,
+}
+
+impl Padding {
+    /// So many rows on either side.
+    #[must_use]
+    pub const fn symmetrical(rows: u16) -> Self {
+        Padding { left: rows, right: rows }
+    }
+}
+
 /// Quantised rows: `x[r][k] ~ q[r][k] * scales[r]`.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows<'a> {
@@ -60,8 +78,8 @@ impl<'a> Rows<'a> {
     /// `count` rows of `width` channels from row `first` on; fewer where the sequence ends.
     #[inline]
     pub(super) fn window(&self, first: usize, count: usize, width: usize) -> Rows<'a> {
-        let q = self.q.get(first * width..).unwrap_or(&[]);
-        let scales = self.scales.get(first..).unwrap_or(&[]);
+        let q = part!(self.q, first * width..);
+        let scales = part!(self.scales, first..);
         Rows { q: q.get(..count * width).unwrap_or(q), scales: scales.get(..count).unwrap_or(scales) }
     }
 }
@@ -139,7 +157,7 @@ impl<'a> Conv1d<'a> {
     #[inline]
     fn tap(&self, tap: usize) -> &'a [i8] {
         let size = self.outputs * self.inputs;
-        self.weights.get(tap * size..(tap + 1) * size).unwrap_or(&[])
+        part!(self.weights, tap * size..(tap + 1) * size)
     }
 
     /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds, `together` at a time: weights are read, and widened or transposed, once
@@ -159,7 +177,7 @@ impl<'a> Conv1d<'a> {
                         epilogue::finish_sum(out, acc, x.scales, self.affine());
                         continue;
                     }
-                    combine(out.get_mut(skip * width..).unwrap_or(&mut []), width, acc, width, x.scales);
+                    combine(part_mut!(out, skip * width..), width, acc, width, x.scales);
                 }
                 if last {
                     epilogue::scale(out, width, self.affine());
@@ -194,9 +212,9 @@ impl<'a> Conv1d<'a> {
                     // Of the sources' copies every other row; those before the first row are left out.
                     let at = 2 * source + copy + self.middle();
                     let skip = lead.saturating_sub(at).div_ceil(2);
-                    let out = out.get_mut((at + 2 * skip - lead) * width..).unwrap_or(&mut []);
-                    let acc = acc.get(skip * width..).unwrap_or(&[]);
-                    epilogue::add(out, 2 * width, acc, width, x.scales.get(skip..).unwrap_or(&[]));
+                    let out = part_mut!(out, (at + 2 * skip - lead) * width..);
+                    let acc = part!(acc, skip * width..);
+                    epilogue::add(out, 2 * width, acc, width, part!(x.scales, skip..));
                 }
             }
         }
@@ -207,7 +225,7 @@ impl<'a> Conv1d<'a> {
     pub fn quantise_gradient(&self, g: &[f32], q: &mut [i16], scales: &mut [f32], row: &mut [f32]) {
         let width = self.outputs.max(1);
         let limit = quantise::limit(self.outputs);
-        let row = row.get_mut(..width).unwrap_or(&mut []);
+        let row = part_mut!(row, ..width);
         for ((g, q), scale) in g.chunks_exact(width).zip(q.chunks_exact_mut(width)).zip(scales) {
             wide!({
                 for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
@@ -229,7 +247,7 @@ impl<'a> Conv1d<'a> {
                 let combine = combine(tap, count, span.as_ref(), out, false);
                 let Some(span) = span else { continue };
                 let g = g.window(span.source, span.rows, self.outputs);
-                let out = out.get_mut(span.skip * width..).unwrap_or(&mut []);
+                let out = part_mut!(out, span.skip * width..);
                 linear_transposed_s16s8(g.q, self.tap(tap), width, self.outputs, acc);
                 combine(out, width, acc, width, g.scales);
             }
@@ -251,25 +269,25 @@ impl<'a> Conv1d<'a> {
             block.sums.fill(0.0);
             for tap in 0..self.taps {
                 for r in 0..count {
-                    let row = block.row.get_mut(..width).unwrap_or(&mut []);
+                    let row = part_mut!(block.row, ..width);
                     row.fill(0.0);
                     for copy in 0..2 {
                         let Some(t) = (2 * (first + r) + copy + 1 + self.middle()).checked_sub(tap) else { continue };
-                        let g = g.get(t * width..(t + 1) * width).unwrap_or(&[]);
+                        let g = part!(g, t * width..(t + 1) * width);
                         wide!({
                             for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
                                 *row += *g * *s;
                             }
                         });
                     }
-                    let q = block.q.get_mut(r * width..(r + 1) * width).unwrap_or(&mut []);
+                    let q = part_mut!(block.q, r * width..(r + 1) * width);
                     if let Some(scale) = block.scales.get_mut(r) {
                         *scale = quantise::row(row, q, quantise::limit(width));
                     }
                 }
-                let q = block.q.get(..count * width).unwrap_or(&[]);
+                let q = part!(block.q, ..count * width);
                 linear_transposed_s16s8(q, self.tap(tap), width, width, acc);
-                epilogue::add(block.sums, width, acc, width, block.scales.get(..count).unwrap_or(&[]));
+                epilogue::add(block.sums, width, acc, width, part!(block.scales, ..count));
             }
             // Rows up to 2 (first + count) are done with before row first + count - 1 is overwritten.
             for (to, from) in g.iter_mut().skip(first * width).zip(block.sums.iter().take(count * width)) {

@@ -1,11 +1,12 @@
 //! Rows to what others attend to: `x_i += position[i]`, blocks with self-attention, `h = LN(x)`, and the mean of `h_i` over i.
 
 use super::attention::SegmentMut;
-use super::block::{Scratch, Stack};
+use super::block::{Scratch, Stack, TransformerConfig};
 use super::embedding::Embedding;
 use super::norm::LayerNorm;
-use super::{Check, Interrupted};
-use crate::blob::{Error, Tensors, TransformerConfig};
+use crate::blob::{Error, Tensors};
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
 /// An encoder in flash.
 #[derive(Debug, Clone, Copy)]
@@ -43,8 +44,7 @@ impl<'a> Encoder<'a> {
 
     /// Encodes `x [n][d]` in place, its mean into `mean [d]`. `own` has room for as many rows.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    /// Breaks off when `check` says so; it is asked behind every block.
     pub fn forward(
         &self,
         x: &mut [f32],
@@ -52,7 +52,7 @@ impl<'a> Encoder<'a> {
         own: &mut SegmentMut<'_>,
         scratch: &mut Scratch<'_>,
         check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    ) -> ControlFlow<Stop> {
         let width = mean.len().max(1);
         for (i, row) in x.chunks_exact_mut(width).enumerate() {
             self.position.add(i, row);
@@ -72,6 +72,6 @@ impl<'a> Encoder<'a> {
         for v in mean {
             *v /= count;
         }
-        Ok(())
+        ControlFlow::Continue(())
     }
 }

@@ -19,10 +19,3 @@ pub mod quantise;
 pub mod residual;
 pub mod softmax;
 mod sums;
-
-/// The caller asked to stop at a layer boundary.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Interrupted;
-
-/// Asked at every layer boundary whether to go on.
-pub type Check<'c> = &'c mut dyn FnMut() -> Result<(), Interrupted>;

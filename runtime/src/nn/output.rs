@@ -212,6 +212,9 @@ impl<'a> Output<'a> {
     pub fn forward(&self, x: Rows<'_>, first: usize, channels: &Channels, out: &mut [f32], scratch: &mut Scratch<'_>) {
         let width = channels.count().max(1);
         let (count, rows) = (out.len() / width, x.scales.len());
+        if count == 0 {
+            return;
+        }
         out.fill(0.0);
         for tap in 0..self.taps {
             let offset = tap as isize - self.reach() as isize;
@@ -221,12 +224,12 @@ impl<'a> Output<'a> {
                     continue;
                 };
                 let Rows { q, scales } = x.window(span.source, span.rows, self.inputs);
-                let out = out.get_mut((block + span.skip) * width..).unwrap_or(&mut []);
+                let out = part_mut!(out, (block + span.skip) * width..);
                 let mut column = 0;
                 for range in channels.ranges() {
                     let (wide, narrow) = self.split(range);
                     if wide.count > 0 {
-                        let out = out.get_mut(column..).unwrap_or(&mut []);
+                        let out = part_mut!(out, column..);
                         let (high, low) = (&mut *scratch.acc, &mut *scratch.acc_low);
                         linear_s16s8(q, self.rows(self.high, self.wide, tap, wide), self.inputs, wide.count, high);
                         linear_s16s8(q, self.rows(self.low, self.wide, tap, wide), self.inputs, wide.count, low);
@@ -234,7 +237,7 @@ impl<'a> Output<'a> {
                     }
                     column += wide.count;
                     if narrow.count > 0 {
-                        let out = out.get_mut(column..).unwrap_or(&mut []);
+                        let out = part_mut!(out, column..);
                         let weights = self.rows(self.weights, self.outputs - self.wide, tap, narrow);
                         linear_s16s8(q, weights, self.inputs, narrow.count, scratch.acc);
                         epilogue::add(out, width, scratch.acc, narrow.count, scales);
@@ -246,9 +249,9 @@ impl<'a> Output<'a> {
         let mut column = 0;
         for range in channels.ranges() {
             let constants = range.first..range.first + range.count;
-            let scales = self.scales.get(constants.clone()).unwrap_or(&[]);
-            let biases = self.biases.get(constants).unwrap_or(&[]);
-            epilogue::scale(out.get_mut(column..).unwrap_or(&mut []), width, (scales, biases));
+            let scales = part!(self.scales, constants.clone());
+            let biases = part!(self.biases, constants);
+            epilogue::scale(part_mut!(out, column..), width, (scales, biases));
             column += range.count;
         }
     }
@@ -265,7 +268,7 @@ impl<'a> Output<'a> {
         for (block, dx) in dx.chunks_mut((scratch.together * self.inputs).max(1)).enumerate() {
             let (first, count) = (first + block * scratch.together, dx.len() / self.inputs.max(1));
             let start = first.saturating_sub(self.reach());
-            let g = g.get(start * width..(first + count + self.reach()).min(all) * width).unwrap_or(&[]);
+            let g = part!(g, start * width..(first + count + self.reach()).min(all) * width);
             let rows = g.len() / width;
             for (r, (g, scales)) in
                 g.chunks_exact(width).zip(wide_scales.iter_mut().zip(narrow_scales.iter_mut())).enumerate()
@@ -276,7 +279,7 @@ impl<'a> Output<'a> {
             for tap in (0..self.taps).rev() {
                 let offset = self.reach() as isize - tap as isize;
                 let Some(span) = Span::new(first, count, all, offset) else { continue };
-                let dx = dx.get_mut(span.skip * self.inputs..).unwrap_or(&mut []);
+                let dx = part_mut!(dx, span.skip * self.inputs..);
                 let from = span.source.saturating_sub(start);
                 let part = (from..from + span.rows, rows);
                 self.backward_tap(tap, part, channels, dx, (wide_scales, narrow_scales), scratch);
@@ -295,13 +298,13 @@ impl<'a> Output<'a> {
         (r, rows): (usize, usize),
         scratch: &mut Scratch<'_>,
     ) -> (f32, f32) {
-        let row = scratch.row.get_mut(..g.len()).unwrap_or(&mut []);
+        let row = part_mut!(scratch.row, ..g.len());
         let (mut wide_count, mut column) = (0, 0);
         for range in channels.ranges() {
-            let scales = self.scales.get(range.first..range.first + range.count).unwrap_or(&[]);
-            let row = row.get_mut(column..).unwrap_or(&mut []);
+            let scales = part!(self.scales, range.first..range.first + range.count);
+            let row = part_mut!(row, column..);
             wide!({
-                for ((row, g), s) in row.iter_mut().zip(g.get(column..).unwrap_or(&[])).zip(scales) {
+                for ((row, g), s) in row.iter_mut().zip(part!(g, column..)).zip(scales) {
                     *row = *g * *s;
                 }
             });
@@ -316,8 +319,8 @@ impl<'a> Output<'a> {
             let (wide_part, narrow_part) = self.split(range);
             for (count, step) in [(wide_part.count, wide), (narrow_part.count, narrow)] {
                 let first = column * rows + r * count;
-                let q = scratch.q.get_mut(first..first + count).unwrap_or(&mut []);
-                quantise::part(row.get(column..column + count).unwrap_or(&[]), step, q);
+                let q = part_mut!(scratch.q, first..first + count);
+                quantise::part(part!(row, column..column + count), step, q);
                 column += count;
             }
         }
@@ -337,13 +340,13 @@ impl<'a> Output<'a> {
         let width = self.inputs.max(1);
         let core::ops::Range { start, end } = range;
         let part = |column: usize, count: usize| column * rows + start * count..column * rows + end * count;
-        let wide_scales = wide_scales.get(start..end).unwrap_or(&[]);
-        let narrow_scales = narrow_scales.get(start..end).unwrap_or(&[]);
+        let wide_scales = part!(wide_scales, start..end);
+        let narrow_scales = part!(narrow_scales, start..end);
         let mut column = 0;
         for range in channels.ranges() {
             let (wide, narrow) = self.split(range);
             if wide.count > 0 {
-                let q = scratch.q.get(part(column, wide.count)).unwrap_or(&[]);
+                let q = part!(scratch.q, part(column, wide.count));
                 let high = self.rows(self.high, self.wide, tap, wide);
                 let low = self.rows(self.low, self.wide, tap, wide);
                 linear_transposed_s16s8(q, high, self.inputs, wide.count, scratch.acc);
@@ -352,7 +355,7 @@ impl<'a> Output<'a> {
             }
             column += wide.count;
             if narrow.count > 0 {
-                let q = scratch.q.get(part(column, narrow.count)).unwrap_or(&[]);
+                let q = part!(scratch.q, part(column, narrow.count));
                 let weights = self.rows(self.weights, self.outputs - self.wide, tap, narrow);
                 linear_transposed_s16s8(q, weights, self.inputs, narrow.count, scratch.acc);
                 epilogue::add(dx, width, scratch.acc, width, narrow_scales);
@@ -373,6 +376,6 @@ impl<'a> Output<'a> {
     /// Weights `[range.count][K]` of one tap in `plane [taps][rows][K]`.
     fn rows(&self, plane: &'a [i8], rows: usize, tap: usize, range: Range) -> &'a [i8] {
         let first = (tap * rows + range.first) * self.inputs;
-        plane.get(first..first + range.count * self.inputs).unwrap_or(&[])
+        part!(plane, first..first + range.count * self.inputs)
     }
 }

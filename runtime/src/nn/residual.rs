@@ -47,7 +47,7 @@ impl Residual<'_> {
         let limit = quantise::limit(width);
         let rows = x.chunks_exact(width).zip(q.chunks_exact_mut(width)).zip(scales);
         for (((x, q), scale), mask) in rows.zip(masks.chunks_exact_mut(words)) {
-            let row = row.get_mut(..width).unwrap_or(&mut []);
+            let row = part_mut!(row, ..width);
             for (row, x) in row.iter_mut().zip(x) {
                 *row = *x;
             }
@@ -65,15 +65,12 @@ impl Residual<'_> {
         let (block_len, mask_len) = ((together * width).max(1), (together * words).max(1));
         let limit = quantise::limit(width);
         for (block, (x, masks)) in x.chunks_mut(block_len).zip(masks.chunks_mut(mask_len)).enumerate() {
-            let hidden = scratch.rows.get_mut(..x.len()).unwrap_or(&mut []);
+            let hidden = part_mut!(scratch.rows, ..x.len());
             self.conv1.forward(input, first + block * together, hidden, together, scratch.acc);
             mask::relu_rows(hidden, masks, width);
             quantise::rows(hidden, width, limit, scratch.q, scratch.scales);
             let count = x.len() / width;
-            let rows = Rows {
-                q: scratch.q.get(..count * width).unwrap_or(&[]),
-                scales: scratch.scales.get(..count).unwrap_or(&[]),
-            };
+            let rows = Rows { q: part!(scratch.q, ..count * width), scales: part!(scratch.scales, ..count) };
             self.conv2.add_pointwise(rows, x, scratch.acc);
         }
     }
@@ -97,11 +94,8 @@ impl Residual<'_> {
         for ((g, masks), (q, scales)) in g.chunks(block_len).zip(masks.chunks(mask_len)).zip(quantised) {
             self.conv2.quantise_gradient(g, scratch.q, scratch.scales, row);
             let count = g.len() / width;
-            let outer = Rows {
-                q: scratch.q.get(..count * width).unwrap_or(&[]),
-                scales: scratch.scales.get(..count).unwrap_or(&[]),
-            };
-            let hidden = scratch.rows.get_mut(..g.len()).unwrap_or(&mut []);
+            let outer = Rows { q: part!(scratch.q, ..count * width), scales: part!(scratch.scales, ..count) };
+            let hidden = part_mut!(scratch.rows, ..g.len());
             self.conv2.backward(outer, 0, hidden, together, scratch.acc);
             mask::gate_rows(hidden, masks, width);
             self.conv1.quantise_gradient(hidden, q, scales, row);
@@ -116,7 +110,7 @@ impl Residual<'_> {
         let together = scratch.scales.len();
         let (block_len, mask_len) = ((together * width).max(1), (together * words).max(1));
         for (block, (g, masks)) in g.chunks_mut(block_len).zip(masks.chunks(mask_len)).enumerate() {
-            let dx = scratch.rows.get_mut(..g.len()).unwrap_or(&mut []);
+            let dx = part_mut!(scratch.rows, ..g.len());
             self.conv1.backward(hidden, first + block * together, dx, together, scratch.acc);
             mask::gate_rows(dx, masks, width);
             add(g, dx);

@@ -1,18 +1,13 @@
-//! What the user asks for, checked: anchors in metres and frames and the scaffold they make, text in words and what they say.
+//! Text: prompts in words, and what they say.
 //!
-//! This layer knows frames, joints and words. It does not know decoders, planners or the solver.
+//! This layer knows words. It does not know decoders, planners or the solver.
 
-pub mod anchors;
-pub mod authoring;
 pub mod bank;
-pub mod joint;
 pub mod prompt;
-pub mod scaffold;
-pub mod scaffold_encoder;
 pub mod text;
 pub mod text_encoder;
 
-use crate::blob::{Error, MAX_VOCABULARY, Tensors, TextConfig};
+use crate::blob::{Error, MAX_VOCABULARY, Tensors, TextConfig, TextTable};
 use crate::nn::block::below;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
@@ -35,31 +30,32 @@ impl<'a> Text<'a> {
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(tensors: &mut Tensors<'a>, config: &TextConfig<'a>, max_tokens: u16) -> Result<Self, Error> {
-        let vocabulary = text::Vocabulary::new(config.vocabulary);
-        let found = u32::try_from(vocabulary.len()).unwrap_or(u32::MAX);
-        let encoder = match config.encoder {
-            None if found > 0 => return Err(Error::Config { what: "text.vocabulary", found, limit: 0 }),
+        let encoder = match &config.encoder {
             None => None,
             Some(encoder) => {
+                let TextTable::Words(words) = encoder.table;
+                let vocabulary = text::Vocabulary::new(words);
+                let found = u32::try_from(vocabulary.len()).unwrap_or(u32::MAX);
                 let limit = MAX_VOCABULARY as u32;
                 let mut entries = vocabulary.entries();
                 let first = [b"<none>".as_slice(), b"<unknown>"];
                 if !first.into_iter().all(|word| entries.next() == Some(word)) {
-                    return Err(Error::Config { what: "text.vocabulary without <none> and <unknown>", found, limit });
+                    let what = "text.encoder.table without <none> and <unknown>";
+                    return Err(Error::Config { what, found, limit });
                 }
                 if found > limit {
-                    return Err(Error::Config { what: "text.vocabulary", found, limit });
+                    return Err(Error::Config { what: "text.encoder.table", found, limit });
                 }
-                if encoder.width != config.width {
-                    let (found, limit) = (u32::from(encoder.width), u32::from(config.width));
+                if encoder.transformer.width != config.width {
+                    let (found, limit) = (u32::from(encoder.transformer.width), u32::from(config.width));
                     return Err(Error::Config { what: "text.encoder.width", found, limit });
                 }
-                Some(TextEncoder::open(tensors, config, encoder)?)
+                Some(TextEncoder::open(tensors, encoder, config.max_words)?)
             }
         };
         let index = tensors.index();
         let length = Linear::open(tensors, config.width, max_tokens)?;
-        let bank = Bank::open(tensors, config.bank, config.width, config.max_words)?;
+        let bank = Bank::open(tensors, config.bank.names(), config.width, config.max_words)?;
         // Guidance needs the prompt that says nothing, from one of the two.
         if encoder.is_none() && bank.get(bank::NONE).is_none() {
             return Err(Error::Config { what: "text.bank without <none>", found: bank.len() as u32, limit: 0 });

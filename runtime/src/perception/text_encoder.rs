@@ -3,12 +3,13 @@
 //! `x_i = embedding[w_i] + position[i]`, blocks with self-attention, `memory = LN(x)`, `pooled = mean over i`.
 
 use super::text::Vocabulary;
-use crate::blob::{Error, Tensors, TextConfig, TransformerConfig};
+use crate::blob::{Error, Tensors, TextEncoderConfig, TextTable};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes, Stack};
 use crate::nn::embedding::Embedding;
 use crate::nn::encoder::Encoder;
-use crate::nn::{Check, Interrupted};
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
 /// The encoder in flash.
 #[derive(Debug, Clone, Copy)]
@@ -19,15 +20,16 @@ pub struct TextEncoder<'a> {
 }
 
 impl<'a> TextEncoder<'a> {
-    /// Reads the encoder from the next tensors and checks that activations stay finite.
+    /// Reads the encoder of prompts of at most `max_words` words from the next tensors and checks that activations stay finite.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
-    pub fn open(tensors: &mut Tensors<'a>, text: &TextConfig<'a>, config: TransformerConfig) -> Result<Self, Error> {
-        let vocabulary = Vocabulary::new(text.vocabulary);
+    pub fn open(tensors: &mut Tensors<'a>, config: &TextEncoderConfig<'a>, max_words: u16) -> Result<Self, Error> {
+        let TextEncoderConfig { table: TextTable::Words(words), transformer } = *config;
+        let vocabulary = Vocabulary::new(words);
         let words = u16::try_from(vocabulary.len()).map_err(|_| Error::Manifest)?;
-        let embedding = Embedding::open(tensors, words, config.width)?;
-        let encoder = Encoder::open(tensors, text.max_words, config, embedding.bound())?;
+        let embedding = Embedding::open(tensors, words, transformer.width)?;
+        let encoder = Encoder::open(tensors, max_words, transformer, embedding.bound())?;
         Ok(TextEncoder { vocabulary, embedding, encoder })
     }
 
@@ -63,8 +65,7 @@ impl<'a> TextEncoder<'a> {
 
     /// Encodes `words` into `memory [n][dt]` and `pooled [dt]`. `own` has room for as many rows.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    /// Breaks off when `check` says so; it is asked behind every block.
     pub fn encode(
         &self,
         words: &[u16],
@@ -73,7 +74,7 @@ impl<'a> TextEncoder<'a> {
         own: &mut SegmentMut<'_>,
         scratch: &mut Scratch<'_>,
         check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    ) -> ControlFlow<Stop> {
         memory.fill(0.0);
         for (word, row) in words.iter().zip(memory.chunks_exact_mut(pooled.len().max(1))) {
             self.embedding.add(usize::from(*word), row);

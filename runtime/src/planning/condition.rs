@@ -1,7 +1,7 @@
 //! What the planner's rows and blocks are told beside its tokens: by a text, or by anchors.
 
 use super::transformer::Planner;
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::attention::{Heads, Segment, SegmentMut};
 
 /// Shares of the planner's first rows, and keys and values for each of its blocks.
@@ -22,13 +22,6 @@ pub struct Condition<'w> {
 }
 
 impl<'w> Condition<'w> {
-    /// Arena bytes of [`Condition::new`].
-    #[must_use]
-    pub fn bytes(planner: &Planner<'_>, rows: usize, shares: usize) -> usize {
-        let (numbers, scales) = lengths(planner.heads(), planner.layers(), rows);
-        bytes_of::<f32>(shares * planner.width()) + 2 * bytes_of::<i8>(numbers) + 2 * bytes_of::<f32>(scales)
-    }
-
     /// Takes the buffers for up to `rows` rows of keys and values, and `shares` rows of the planner.
     ///
     /// # Errors
@@ -58,10 +51,10 @@ impl<'w> Condition<'w> {
         let of_numbers = layer * numbers..(layer + 1) * numbers;
         Segment {
             rows: self.rows,
-            keys: self.keys.get(of_numbers.clone()).unwrap_or(&[]),
-            key_scales: self.key_scales.get(of_scales.clone()).unwrap_or(&[]),
-            values: self.values.get(of_numbers).unwrap_or(&[]),
-            value_scales: self.value_scales.get(of_scales).unwrap_or(&[]),
+            keys: part!(self.keys, of_numbers.clone()),
+            key_scales: part!(self.key_scales, of_scales.clone()),
+            values: part!(self.values, of_numbers),
+            value_scales: part!(self.value_scales, of_scales),
         }
     }
 
@@ -72,10 +65,10 @@ impl<'w> Condition<'w> {
         let of_numbers = layer * numbers..(layer + 1) * numbers;
         SegmentMut {
             rows: self.rows,
-            keys: self.keys.get_mut(of_numbers.clone()).unwrap_or(&mut []),
-            key_scales: self.key_scales.get_mut(of_scales.clone()).unwrap_or(&mut []),
-            values: self.values.get_mut(of_numbers).unwrap_or(&mut []),
-            value_scales: self.value_scales.get_mut(of_scales).unwrap_or(&mut []),
+            keys: part_mut!(self.keys, of_numbers.clone()),
+            key_scales: part_mut!(self.key_scales, of_scales.clone()),
+            values: part_mut!(self.values, of_numbers),
+            value_scales: part_mut!(self.value_scales, of_scales),
         }
     }
 }

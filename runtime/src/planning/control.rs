@@ -6,16 +6,18 @@
 
 use super::condition::Condition;
 use super::transformer::Planner;
-use crate::blob::{Activation, ControlConfig, Error, Tensors};
+use crate::blob::{ControlConfig, Error, Tensors};
+use crate::conditioning::scaffold_encoder::{self, ScaffoldEncoder, Timing};
+use crate::nn::activation::{self, Activation};
 use crate::nn::attention::{Heads, SegmentMut};
 use crate::nn::block::{Scratch, Sizes, below, heads, project_low_rank};
 use crate::nn::conv1d::larger;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
-use crate::nn::{Check, Interrupted, activation};
 use crate::perception::Text;
-use crate::perception::anchors::{AnchorSet, Family};
-use crate::perception::scaffold_encoder::{self, ScaffoldEncoder, Timing};
+use crate::request::conditions::{AnchorSet, Family};
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
 /// Anchor control, left in the tensor table: a model costs no memory for layers that are used once a request.
 #[derive(Debug, Clone, Copy)]
@@ -154,8 +156,7 @@ impl<'a> Control<'a> {
     /// What `anchors` tell the planner of a motion of as many tokens as `h [L][ds]` has rows, into `condition`. `h` and `own` are
     /// scratch, as is `work`, of [`Control::work`] numbers.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    /// Breaks off when `check` says so; it is asked behind every block.
     #[inline(never)]
     pub fn read(
         &self,
@@ -167,23 +168,29 @@ impl<'a> Control<'a> {
         work: &mut [f32],
         scratch: &mut Scratch<'_>,
         check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    ) -> ControlFlow<Stop> {
         // They opened once, so they open again.
         let mut tensors = self.first;
-        let Ok(layers) = self.layers(&mut tensors) else { return Ok(()) };
+        let layers = self.layers(&mut tensors);
+        invariant!(layers.is_ok(), "{layers:?}");
+        let Ok(layers) = layers else { return ControlFlow::Continue(()) };
         let Layers { scaffold, mut projections, context, .. } = layers;
         let inner = self.scaffold_width().max(1);
+        invariant!(work.len() == self.work());
         let (mean, work) = work.split_at_mut_checked(inner).unwrap_or_default();
         scaffold.encode(anchors, h, mean, own, work, scratch, check)?;
         condition.rows = h.len() / inner;
         for layer in 0..usize::from(self.layers) {
-            let Ok((down, kv)) = self.projection(&mut projections) else { break };
+            let projection = self.projection(&mut projections);
+            invariant!(projection.is_ok(), "{projection:?}");
+            let Ok((down, kv)) = projection else { break };
             let mut segment = condition.layer_mut(planner.heads(), layer);
             project_low_rank(planner.heads(), &down, &kv, h, &mut segment, scratch);
             check()?;
         }
         if let Some(Context { enter, leave, local }) = &context {
             let width = usize::from(self.width).max(1);
+            invariant!(condition.shares.len() >= width + h.len() / inner * width);
             let (global, locals) = condition.shares.split_at_mut_checked(width).unwrap_or_default();
             let hidden = work.get_mut(..inner).unwrap_or_default();
             scratch.linear(enter, mean, hidden);
@@ -193,6 +200,6 @@ impl<'a> Control<'a> {
                 scratch.linear(local, row, out);
             }
         }
-        Ok(())
+        ControlFlow::Continue(())
     }
 }

@@ -4,24 +4,33 @@ use super::condition::Condition;
 use super::control::Control;
 use super::length;
 use super::request::Planning;
-use super::sampling::Sampling;
-use super::tmd::{Metric, Step, Tmd};
+use super::sampler::{Draw, Logits, TokenSampler};
 use super::transformer::{Input, Planner};
-use crate::arena::{Arena, ArenaTooSmall, bytes_of};
 use crate::decoding::codebook::Codebooks;
 use crate::hash::Stream;
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{Scratch, Sizes};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
-use crate::nn::{Check, Interrupted};
 use crate::perception::Text;
-use crate::perception::anchors::AnchorSet;
 use crate::perception::bank;
 use crate::perception::prompt::{Heard, Prompt, PromptError};
 use crate::perception::text::NONE;
+use crate::request::conditions::AnchorSet;
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
-/// Positions whose tokens are drawn together: the logits of more than these would take more memory than a pass.
-const DRAWN: usize = 4;
+/// What is worked in; there is room for it, since the session took as much.
+macro_rules! worked_in {
+    ($taken:expr, $otherwise:expr) => {{
+        let taken = $taken;
+        invariant!(taken.is_ok(), "the session took less than it works in");
+        match taken {
+            Ok(taken) => taken,
+            Err(_) => return $otherwise,
+        }
+    }};
+}
 
 /// The largest plan that is to be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,12 +74,8 @@ struct Lengths {
     guided: usize,
     /// Of reading anchors.
     work: usize,
-    codes: usize,
-    /// Of the metric.
-    units: usize,
-    /// Of a pass, and of its logits.
+    /// Of a pass.
     sizes: Sizes,
-    logits: Sizes,
 }
 
 /// Bytes of a session by purpose.
@@ -117,14 +122,6 @@ struct Pass<'s> {
 }
 
 impl<'s> Pass<'s> {
-    fn bytes(l: &Lengths) -> usize {
-        2 * bytes_of::<i8>(l.own)
-            + 2 * bytes_of::<f32>(l.own_scales)
-            + Scratch::bytes(&l.sizes)
-            + bytes_of::<f32>(l.guided)
-            + bytes_of::<f32>(l.work)
-    }
-
     fn new(arena: &mut Arena<'s>, l: &Lengths) -> Result<Self, ArenaTooSmall> {
         Ok(Pass {
             keys: arena.take(l.own)?,
@@ -144,45 +141,6 @@ impl<'s> Pass<'s> {
     }
 }
 
-/// What tokens are drawn in.
-#[derive(Debug)]
-struct Draw<'s> {
-    scratch: Scratch<'s>,
-    /// `[DRAWN][V]`
-    logits: &'s mut [f32],
-    /// `[V]`
-    weights: &'s mut [f32],
-    /// Of the metric, `[V][du]`.
-    units: &'s mut [f32],
-}
-
-impl<'s> Draw<'s> {
-    fn bytes(l: &Lengths) -> usize {
-        Scratch::bytes(&l.logits)
-            + bytes_of::<f32>(DRAWN * l.codes)
-            + bytes_of::<f32>(l.codes)
-            + bytes_of::<f32>(l.units)
-    }
-
-    fn new(arena: &mut Arena<'s>, l: &Lengths) -> Result<Self, ArenaTooSmall> {
-        Ok(Draw {
-            scratch: Scratch::new(arena, &l.logits)?,
-            logits: arena.take(DRAWN * l.codes)?,
-            weights: arena.take(l.codes)?,
-            units: arena.take(l.units)?,
-        })
-    }
-
-    /// Computes the logits `[..][V]` of up to [`DRAWN`] positions, of the rows of a pass from theirs on.
-    fn block(&mut self, planner: &Planner<'_>, rows: &[f32]) {
-        let (width, codes) = (planner.width().max(1), planner.codes());
-        let count = (rows.len() / width).min(DRAWN);
-        if let (Some(rows), Some(logits)) = (rows.get(..count * width), self.logits.get_mut(..count * codes)) {
-            planner.logits(rows, logits, &mut self.scratch);
-        }
-    }
-}
-
 impl<'m, 'b> Modules<'m, 'b> {
     /// Anchor control, where the blob has it and anchors are to condition the planner.
     fn control(&self, limits: &Limits) -> Option<&'m Control<'b>> {
@@ -195,6 +153,19 @@ impl<'m, 'b> Modules<'m, 'b> {
             Some(_) => 1,
             None => self.text.bank().get(bank::NONE).map_or(0, |entry| entry.rows()),
         }
+    }
+
+    /// Takes what tokens are drawn in, behind a pass that left hidden rows `[L][d]`.
+    fn draw<'l, 's, S: TokenSampler>(
+        &self,
+        sampler: &S,
+        rows: &'l [f32],
+        arena: &mut Arena<'s>,
+    ) -> Result<(Logits<'l, 'b, 's>, S::Work<'s>), ArenaTooSmall>
+    where
+        'm: 'l,
+    {
+        Ok((Logits::new(self.planner, rows, arena)?, sampler.layout(arena, self.codebooks)?))
     }
 
     fn lengths(&self, tokens: usize, limits: &Limits, rows: usize) -> Lengths {
@@ -232,29 +203,17 @@ impl<'m, 'b> Modules<'m, 'b> {
             own_scales,
             guided: if limits.guided { tokens * d } else { 0 },
             work,
-            codes: self.planner.codes(),
-            units: Metric::len(self.codebooks),
             sizes,
-            logits: self.planner.logits_sizes(DRAWN),
         }
     }
 
     /// Arena bytes of [`Session::new`].
     #[must_use]
+    #[inline(never)]
     pub fn bytes(&self, tokens: usize, limits: &Limits, rows: usize) -> Bytes {
-        let l = self.lengths(tokens, limits, rows);
-        Bytes {
-            text: Condition::bytes(self.planner, l.words, 1)
-                + Condition::bytes(self.planner, l.none, usize::from(limits.guided)),
-            anchors: Condition::bytes(self.planner, l.anchors.0, l.anchors.1),
-            rows: bytes_of::<u16>(l.words)
-                + bytes_of::<f32>(self.text.width())
-                + bytes_of::<f32>(self.text.length().outputs())
-                + bytes_of::<f32>(l.x)
-                + bytes_of::<u16>(l.tokens),
-            pass: Pass::bytes(&l),
-            draw: Draw::bytes(&l),
-        }
+        let session = Session::new(*self, &mut Arena::measuring(), tokens, limits, rows);
+        invariant!(session.is_ok(), "an arena that measures refuses nothing");
+        session.map_or(Bytes::default(), |session| session.bytes)
     }
 
     /// Multiply-accumulates of a plan at most: text and anchors read, all passes, logits and distances of every position and step.
@@ -269,7 +228,7 @@ impl<'m, 'b> Modules<'m, 'b> {
         let read = each(limits.words) + each(none) + self.text.length().macs() + scaffold;
         let guided = if none == 0 { 0 } else { self.planner.pass_macs(tokens, 0, none) };
         let passes = self.planner.pass_macs(tokens, anchors, limits.words) + guided;
-        let position = self.planner.logits_macs() + Metric::len(self.codebooks) as u64;
+        let position = self.planner.logits_macs() + self.planner.sampler().macs(self.codebooks);
         read + u64::from(limits.steps) * (passes + tokens as u64 * position)
     }
 }
@@ -301,7 +260,9 @@ pub struct Session<'m, 'b, 'w> {
     proposal: &'w mut [u16],
     predicted: usize,
     needed: Lengths,
-    /// Where [`Pass`] and [`Draw`] take turns.
+    /// What it has taken.
+    bytes: Bytes,
+    /// Where passes and draws take turns.
     spare: Arena<'w>,
 }
 
@@ -318,28 +279,48 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         rows: usize,
     ) -> Result<Self, ArenaTooSmall> {
         let l = modules.lengths(tokens, limits, rows);
+        let begin = arena.used();
+        let text = Condition::new(modules.planner, arena, l.words, 1)?;
+        let none = Condition::new(modules.planner, arena, l.none, usize::from(limits.guided))?;
+        let of_text = arena.used() - begin;
+        let anchors = Condition::new(modules.planner, arena, l.anchors.0, l.anchors.1)?;
+        let of_anchors = arena.used() - begin - of_text;
+        let words = arena.take(l.words)?;
+        let pooled = arena.take(modules.text.width())?;
+        let lengths = arena.take(modules.text.length().outputs())?;
+        let x = arena.take(l.x)?;
+        let proposal = arena.take(l.tokens)?;
+        let bytes = Bytes {
+            text: of_text,
+            anchors: of_anchors,
+            rows: arena.used() - begin - of_text - of_anchors,
+            pass: Arena::measure(|arena| Pass::new(arena, &l)),
+            draw: Arena::measure(|arena| modules.draw(modules.planner.sampler(), &[], arena)),
+        };
+        let spare = arena.part(bytes.working())?;
+        let (predicted, needed) = (0, l);
         Ok(Session {
             modules,
-            text: Condition::new(modules.planner, arena, l.words, 1)?,
-            none: Condition::new(modules.planner, arena, l.none, usize::from(limits.guided))?,
-            anchors: Condition::new(modules.planner, arena, l.anchors.0, l.anchors.1)?,
-            words: arena.take(l.words)?,
-            pooled: arena.take(modules.text.width())?,
-            lengths: arena.take(modules.text.length().outputs())?,
-            x: arena.take(l.x)?,
-            proposal: arena.take(l.tokens)?,
-            predicted: 0,
-            needed: l,
-            spare: arena.part(modules.bytes(tokens, limits, rows).working())?,
+            text,
+            none,
+            anchors,
+            words,
+            pooled,
+            lengths,
+            x,
+            proposal,
+            predicted,
+            needed,
+            bytes,
+            spare,
         })
     }
 
     /// Encodes `prompt`, and the prompt that says nothing if the session is guided, and predicts the length.
     ///
     /// # Errors
-    /// A [`PromptError`] in the outer result; in the inner one [`Interrupted`] when `check` says so, which is asked behind
-    /// every block.
-    pub fn read(&mut self, prompt: &Prompt<'_>, check: Check<'_>) -> Result<Result<Heard, Interrupted>, PromptError> {
+    /// A [`PromptError`]. Breaks off when `check`, which is asked behind every block, says so.
+    pub fn read(&mut self, prompt: &Prompt<'_>, check: Check<'_>) -> Result<ControlFlow<Stop, Heard>, PromptError> {
         let rows = self.modules.text.rows(prompt)?;
         let heard = match *prompt {
             Prompt::Text(text) => self.modules.text.ids(text, self.words)?,
@@ -349,17 +330,20 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             Prompt::Text(_) => Reading::Words(rows),
             Prompt::Bank(name) => Reading::Stored(name),
         };
-        Ok(self.read_both(reading, check).map(|()| heard))
+        Ok(match self.read_both(reading, check) {
+            ControlFlow::Continue(()) => ControlFlow::Continue(heard),
+            ControlFlow::Break(stop) => ControlFlow::Break(stop),
+        })
     }
 
-    fn read_both(&mut self, reading: Reading<'_>, check: Check<'_>) -> Result<(), Interrupted> {
+    fn read_both(&mut self, reading: Reading<'_>, check: Check<'_>) -> ControlFlow<Stop> {
         self.encode(reading, false, check)?;
-        if let Ok(mut pass) = Pass::new(&mut self.spare.overlay(), &self.needed) {
-            pass.scratch.linear(self.modules.text.length(), self.pooled, self.lengths);
-        }
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
+        pass.scratch.linear(self.modules.text.length(), self.pooled, self.lengths);
         self.predicted = length::median(self.lengths);
         if self.needed.guided == 0 {
-            return Ok(());
+            return ControlFlow::Continue(());
         }
         let none = match self.modules.text.encoder() {
             None => Reading::Stored(bank::NONE),
@@ -373,15 +357,16 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         self.encode(none, true, check)
     }
 
-    fn encode(&mut self, reading: Reading<'_>, none: bool, check: Check<'_>) -> Result<(), Interrupted> {
+    fn encode(&mut self, reading: Reading<'_>, none: bool, check: Check<'_>) -> ControlFlow<Stop> {
         let Modules { text, planner, .. } = self.modules;
-        let Ok(mut pass) = Pass::new(&mut self.spare.overlay(), &self.needed) else { return Ok(()) };
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
         let width = text.width();
         let memory = match reading {
             Reading::Words(count) => {
-                let memory = self.x.get_mut(..count * width).unwrap_or(&mut []);
+                let memory = part_mut!(self.x, ..count * width);
                 if let Some(encoder) = text.encoder() {
-                    let words = self.words.get(..count).unwrap_or(&[]);
+                    let words = part!(self.words, ..count);
                     let (mut own, scratch) = pass.split(count);
                     encoder.encode(words, memory, self.pooled, &mut own, scratch, check)?;
                 }
@@ -390,7 +375,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             Reading::Stored(name) => match text.bank().get(name) {
                 None => &mut [],
                 Some(entry) => {
-                    let memory = self.x.get_mut(..entry.rows() * width).unwrap_or(&mut []);
+                    let memory = part_mut!(self.x, ..entry.rows() * width);
                     entry.read(memory, self.pooled);
                     memory
                 }
@@ -404,24 +389,18 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
     /// pass. Without room for them ([`Limits::anchors`]), or with none of a family that the planner was trained for, nothing
     /// happens.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; it is asked behind every block.
-    pub fn anchor(&mut self, anchors: &AnchorSet, tokens: usize, check: Check<'_>) -> Result<(), Interrupted> {
-        let Modules { planner, control: Some(control), .. } = self.modules else { return Ok(()) };
-        let Some(h) = self.x.get_mut(..tokens * control.scaffold_width()) else { return Ok(()) };
+    /// Breaks off when `check` says so; it is asked behind every block.
+    pub fn anchor(&mut self, anchors: &AnchorSet, tokens: usize, check: Check<'_>) -> ControlFlow<Stop> {
+        let Modules { planner, control: Some(control), .. } = self.modules else { return ControlFlow::Continue(()) };
         if self.needed.anchors.0 == 0 || !anchors.iter().any(|anchor| control.sees(anchor.family)) {
-            return Ok(());
+            return ControlFlow::Continue(());
         }
-        let Ok(mut pass) = Pass::new(&mut self.spare.overlay(), &self.needed) else { return Ok(()) };
+        let h = part_mut!(self.x, ..tokens * control.scaffold_width());
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
         let work = core::mem::take(&mut pass.work);
         let (mut own, scratch) = pass.split(tokens);
         control.read(planner, anchors, h, &mut own, &mut self.anchors, work, scratch, check)
-    }
-
-    /// The sampler's constants.
-    #[must_use]
-    pub const fn tmd(&self) -> &'m Tmd {
-        self.modules.planner.tmd()
     }
 
     /// The length that the text suggests, tokens.
@@ -430,38 +409,29 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         self.predicted
     }
 
-    /// Random tokens, given ones in their places: where a sampler begins.
-    pub fn begin(&self, planning: &Planning<'_>, stream: &mut Stream, tokens: &mut [u16]) {
-        let codes = u32::try_from(self.modules.planner.codes()).unwrap_or(0);
-        for (i, token) in tokens.iter_mut().enumerate() {
-            let drawn = stream.below(codes);
-            *token = planning.fixed_at(i).unwrap_or(u16::try_from(drawn).unwrap_or(0));
-        }
+    /// Where the model's sampler begins.
+    pub fn begin(&self, planning: &Planning<'_>, random: &mut Stream, tokens: &mut [u16]) {
+        let planner = self.modules.planner;
+        planner.sampler().begin(planning, planner.codes(), random, tokens);
     }
 
     /// One pass over `tokens` at time `time`, with guidance two: what [`Session::logits`] and [`Session::advance`] read.
     /// No more tokens than the session was made for, each in the codebook.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; it is asked behind every block.
-    pub fn pass(
-        &mut self,
-        tokens: &[u16],
-        time: f32,
-        planning: &Planning<'_>,
-        check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    /// Breaks off when `check` says so; it is asked behind every block.
+    pub fn pass(&mut self, tokens: &[u16], time: f32, planning: &Planning<'_>, check: Check<'_>) -> ControlFlow<Stop> {
         let planner = self.modules.planner;
         let width = planner.width();
         let rows = 1 + tokens.len();
-        let Some(x) = self.x.get_mut(..rows * width) else { return Ok(()) };
-        let Ok(mut pass) = Pass::new(&mut self.spare.overlay(), &self.needed) else { return Ok(()) };
+        let x = part_mut!(self.x, ..rows * width);
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
         let guided = core::mem::take(&mut pass.guided);
         let (mut own, scratch) = pass.split(rows);
         let input = Input { tokens, time, planning };
         planner.forward(&input, &self.text, Some(&self.anchors), x, &mut own, scratch, check)?;
         if !planning.guided() || guided.is_empty() {
-            return Ok(());
+            return ControlFlow::Continue(());
         }
         for (to, from) in guided.iter_mut().zip(x.iter().skip(width)) {
             *to = *from;
@@ -471,45 +441,49 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         for (none, text) in x.iter_mut().skip(width).zip(guided.iter()) {
             *none += planning.guidance * (*text - *none);
         }
-        Ok(())
+        ControlFlow::Continue(())
     }
 
     /// Guided logits `[V]` of one position, as the last pass left them.
     pub fn logits(&mut self, position: usize) -> &[f32] {
         let planner = self.modules.planner;
-        let Ok(mut draw) = Draw::new(&mut self.spare.overlay(), &self.needed) else { return &[] };
         let width = planner.width();
-        draw.block(planner, self.x.get((1 + position) * width..(2 + position) * width).unwrap_or(&[]));
-        draw.logits.get(..planner.codes()).unwrap_or(&[])
+        let row = part!(self.x, (1 + position) * width..(2 + position) * width);
+        let mut spare = self.spare.overlay();
+        let mut logits = worked_in!(Logits::new(planner, row, &mut spare), &[]);
+        logits.each(|_, _| {});
+        logits.first()
     }
 
-    /// Draws a proposal for every position of the last pass, and moves `tokens` towards it: the whole way without `step`.
-    pub fn advance(&mut self, planning: &Planning<'_>, step: Option<&Step>, stream: &mut Stream, tokens: &mut [u16]) {
-        let planner = self.modules.planner;
-        let (width, codes) = (planner.width().max(1), planner.codes().max(1));
-        let Ok(mut draw) = Draw::new(&mut self.spare.overlay(), &self.needed) else { return };
-        let units = core::mem::take(&mut draw.units);
-        // Computed anew in each step: it costs less than the memory that it would take from the passes.
-        let metric = step.map(|step| (step, Metric::new(self.modules.codebooks, units)));
-        let sampling: Sampling = planning.sampling;
-        let rows = self.x.get(width..(1 + tokens.len()) * width).unwrap_or(&[]);
-        let mut positions = tokens.iter_mut().zip(self.proposal.iter_mut()).enumerate();
-        for rows in rows.chunks(DRAWN * width) {
-            draw.block(planner, rows);
-            let logits = draw.logits.chunks_exact_mut(codes).take(rows.len() / width);
-            for (logits, (i, (token, proposal))) in logits.zip(positions.by_ref()) {
-                let proposed = sampling.propose(logits, stream);
-                let draws = (stream.unit(), stream.unit());
-                if planning.fixed_at(i).is_some() {
-                    *proposal = *token;
-                    continue;
-                }
-                *proposal = proposed;
-                *token = match &metric {
-                    None => proposed,
-                    Some((step, metric)) => metric.advance(*token, proposed, step, draws, logits, draw.weights),
-                };
-            }
+    /// Moves `tokens` on by one step of the model's sampler, from time `times.0` to `times.1` by the last pass; without times it is the
+    /// last step.
+    pub fn advance(
+        &mut self,
+        planning: &Planning<'_>,
+        times: Option<(f32, f32)>,
+        random: &mut Stream,
+        tokens: &mut [u16],
+    ) {
+        self.advance_by(self.modules.planner.sampler(), planning, times, random, tokens);
+    }
+
+    /// The same by another sampler, which must not need more memory than the model's.
+    pub fn advance_by<S: TokenSampler>(
+        &mut self,
+        sampler: &S,
+        planning: &Planning<'_>,
+        times: Option<(f32, f32)>,
+        random: &mut Stream,
+        tokens: &mut [u16],
+    ) {
+        let (modules, width) = (self.modules, self.modules.planner.width());
+        let rows = part!(self.x, width..(1 + tokens.len()) * width);
+        let mut spare = self.spare.overlay();
+        let (mut logits, mut work) = worked_in!(modules.draw(sampler, rows, &mut spare), ());
+        let draw = Draw { planning, random, tokens, proposals: self.proposal };
+        match times {
+            Some(times) => sampler.step(times, &mut logits, modules.codebooks, &mut work, draw),
+            None => sampler.finish(&mut logits, &mut work, draw),
         }
     }
 

@@ -8,9 +8,13 @@
 //! The metric is computed from unit code vectors, not tabulated: a table of 512 x 512 distances would take half a MiB of
 //! flash, a row of distances costs `V du` multiply-accumulates a position and step.
 
+use super::Planning;
+use super::sampler::{Draw, Logits, TokenSampler};
 use super::sampling::draw;
 use crate::decoding::codebook::Codebooks;
+use crate::hash::Stream;
 use crate::kernels::wide;
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::softmax;
 
 /// The sampler's constants.
@@ -40,8 +44,81 @@ impl Tmd {
 
     /// The step from time `from` to `to < 1`.
     #[must_use]
-    pub fn step(&self, from: f32, to: f32) -> Step {
+    pub fn stride(&self, from: f32, to: f32) -> Step {
         Step { middle: self.beta(0.5 * (from + to)), increase: self.beta(to) - self.beta(from) }
+    }
+}
+
+/// What a step works in.
+#[derive(Debug)]
+pub struct Work<'s> {
+    /// `[V]`
+    weights: &'s mut [f32],
+    /// Of the metric, `[V][du]`.
+    units: &'s mut [f32],
+}
+
+impl Tmd {
+    /// Draws a proposal for every position and moves its token towards it: the whole way without a `step` and its metric.
+    fn advance(
+        metric: Option<(&Step, &Metric<'_>)>,
+        logits: &mut Logits<'_, '_, '_>,
+        weights: &mut [f32],
+        draw: Draw<'_>,
+    ) {
+        let Draw { planning, random, tokens, proposals } = draw;
+        logits.each(|i, logits| {
+            let (Some(token), Some(proposal)) = (tokens.get_mut(i), proposals.get_mut(i)) else { return };
+            let proposed = planning.sampling.propose(logits, random);
+            let draws = (random.unit(), random.unit());
+            if planning.fixed_at(i).is_some() {
+                *proposal = *token;
+                return;
+            }
+            *proposal = proposed;
+            *token = match metric {
+                None => proposed,
+                Some((step, metric)) => metric.advance(*token, proposed, step, draws, logits, weights),
+            };
+        });
+    }
+}
+
+impl TokenSampler for Tmd {
+    type Work<'s> = Work<'s>;
+
+    fn layout<'s>(&self, arena: &mut Arena<'s>, codebooks: &Codebooks<'_>) -> Result<Work<'s>, ArenaTooSmall> {
+        Ok(Work { weights: arena.take(codebooks.codes())?, units: arena.take(Metric::len(codebooks))? })
+    }
+
+    fn macs(&self, codebooks: &Codebooks<'_>) -> u64 {
+        Metric::len(codebooks) as u64
+    }
+
+    /// Random tokens, given ones in their places.
+    fn begin(&self, planning: &Planning<'_>, codes: usize, random: &mut Stream, tokens: &mut [u16]) {
+        let codes = u32::try_from(codes).unwrap_or(0);
+        for (i, token) in tokens.iter_mut().enumerate() {
+            let drawn = random.below(codes);
+            *token = planning.fixed_at(i).unwrap_or(u16::try_from(drawn).unwrap_or(0));
+        }
+    }
+
+    fn step(
+        &self,
+        (from, to): (f32, f32),
+        logits: &mut Logits<'_, '_, '_>,
+        codebooks: &Codebooks<'_>,
+        work: &mut Work<'_>,
+        draw: Draw<'_>,
+    ) {
+        // Computed anew in each step: it costs less than the memory that it would take from the passes.
+        let metric = Metric::new(codebooks, work.units);
+        Self::advance(Some((&self.stride(from, to), &metric)), logits, work.weights, draw);
+    }
+
+    fn finish(&self, logits: &mut Logits<'_, '_, '_>, work: &mut Work<'_>, draw: Draw<'_>) {
+        Self::advance(None, logits, work.weights, draw);
     }
 }
 

@@ -12,8 +12,9 @@
 
 use super::condition::Condition;
 use super::request::MAX_GUIDANCE;
+use super::sampler::Sampler;
 use super::tmd::Tmd;
-use crate::blob::{Error, PlannerConfig, Sampler, Tensors};
+use crate::blob::{Error, PlannerConfig, Tensors};
 use crate::model::MAX_MAGNITUDE;
 use crate::nn::attention::{Heads, SegmentMut};
 use crate::nn::block::{Scratch, Sizes, Stack, below};
@@ -21,8 +22,9 @@ use crate::nn::conv1d::larger;
 use crate::nn::embedding::{Embedding, add_row};
 use crate::nn::linear::Linear;
 use crate::nn::norm::{LayerNorm, MAX_INPUT};
-use crate::nn::{Check, Interrupted};
 use crate::perception::Text;
+use crate::stop::{Check, Stop};
+use core::ops::ControlFlow;
 
 /// Time embeddings: time `t` takes number `floor(TIMES t)`.
 pub const TIMES: u16 = 32;
@@ -32,7 +34,7 @@ const BOUNDARIES: u16 = 4;
 /// The planner in flash.
 #[derive(Debug, Clone, Copy)]
 pub struct Planner<'a> {
-    tmd: Tmd,
+    sampler: Sampler,
     /// Index of its first tensor.
     first: u16,
     global: Linear<'a>,
@@ -62,14 +64,8 @@ impl<'a> Planner<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
-    pub fn open(
-        tensors: &mut Tensors<'a>,
-        config: &PlannerConfig,
-        text: &Text<'_>,
-        codes: u16,
-        max_tokens: u16,
-    ) -> Result<Self, Error> {
-        let PlannerConfig { transformer, sampler: Sampler::Tmd { c, a } } = *config;
+    pub fn open(tensors: &mut Tensors<'a>, config: &PlannerConfig, text: &Text<'_>, codes: u16) -> Result<Self, Error> {
+        let PlannerConfig { transformer, max_tokens, c, a, .. } = *config;
         let memory = u16::try_from(text.width()).map_err(|_| Error::Manifest)?;
         let width = transformer.width;
         let first = tensors.index();
@@ -87,7 +83,19 @@ impl<'a> Planner<'a> {
         }
         // Guidance stretches hidden rows before they meet the token layer.
         below(token.bound((1.0 + 2.0 * MAX_GUIDANCE) * norm.bound()), MAX_MAGNITUDE, token_index)?;
-        Ok(Planner { tmd: Tmd { c, a }, first, global, time, boundary, position, end, fixed, stack, norm, token })
+        Ok(Planner {
+            sampler: Sampler::Tmd(Tmd { c, a }),
+            first,
+            global,
+            time,
+            boundary,
+            position,
+            end,
+            fixed,
+            stack,
+            norm,
+            token,
+        })
     }
 
     /// Checks that activations stay finite when anchors tell a row no more than `share` in magnitude, and keys and values of
@@ -102,10 +110,10 @@ impl<'a> Planner<'a> {
         self.stack.bound(rows, text.bound(), values).map(|_| ())
     }
 
-    /// The sampler's constants.
+    /// How its logits become tokens.
     #[must_use]
-    pub const fn tmd(&self) -> &Tmd {
-        &self.tmd
+    pub const fn sampler(&self) -> &Sampler {
+        &self.sampler
     }
 
     /// Width of a row, `d`.
@@ -164,8 +172,7 @@ impl<'a> Planner<'a> {
 
     /// What the blocks need of a text: `memory [n][dt]`, `pooled [dt]`.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    /// Breaks off when `check` says so; it is asked behind every block.
     pub fn read(
         &self,
         memory: &[f32],
@@ -173,20 +180,19 @@ impl<'a> Planner<'a> {
         condition: &mut Condition<'_>,
         scratch: &mut Scratch<'_>,
         check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    ) -> ControlFlow<Stop> {
         condition.rows = memory.len() / pooled.len().max(1);
         scratch.linear(&self.global, pooled, condition.shares);
         for (layer, block) in self.stack.blocks().enumerate() {
             block.read_memory(memory, &mut condition.layer_mut(self.heads(), layer), scratch);
             check()?;
         }
-        Ok(())
+        ControlFlow::Continue(())
     }
 
     /// One pass: hidden rows `h` into `x [1 + L][d]`, under what a text and anchors say. `own` has room for `1 + L` rows.
     ///
-    /// # Errors
-    /// [`Interrupted`] when `check` says so; it is asked behind every block.
+    /// Breaks off when `check` says so; it is asked behind every block.
     pub fn forward(
         &self,
         input: &Input<'_>,
@@ -196,7 +202,7 @@ impl<'a> Planner<'a> {
         own: &mut SegmentMut<'_>,
         scratch: &mut Scratch<'_>,
         check: Check<'_>,
-    ) -> Result<(), Interrupted> {
+    ) -> ControlFlow<Stop> {
         let width = self.width().max(1);
         let Input { tokens, time, planning } = *input;
         let mut rows = x.chunks_exact_mut(width);
@@ -233,7 +239,7 @@ impl<'a> Planner<'a> {
             check()?;
         }
         self.norm.forward_in_place(x);
-        Ok(())
+        ControlFlow::Continue(())
     }
 
     /// Logits `[R][V]` of hidden rows `h [R][d]`.

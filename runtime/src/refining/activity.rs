@@ -8,11 +8,11 @@
 
 use core::mem::swap;
 
+use super::basis::{IntervalBasis, MAX_INTERVALS};
 use super::config::{Activity, PerFamily};
-use super::interval_basis::{IntervalBasis, MAX_INTERVALS};
-use super::objective::Measured;
-use super::vector::larger;
-use crate::perception::anchors::AnchorSet;
+use super::terms::anchors::Distances;
+use super::vector::{broken, larger};
+use crate::request::conditions::AnchorSet;
 
 /// Small seeded generator (xorshift32) for the shuffled ablation.
 #[derive(Clone, Copy, Debug)]
@@ -41,12 +41,12 @@ impl Random {
     }
 }
 
-/// Activities of the intervals of `basis` at the measured motion; entries behind the last interval are 0.
+/// Activities of the intervals of `basis` at the motion that is so far from the anchors; entries behind the last interval are 0.
 pub fn activities(
     kind: Activity,
     basis: &IntervalBasis<'_>,
     anchors: &AnchorSet,
-    measured: &Measured,
+    distances: &Distances,
     tolerance: &PerFamily,
     random: &mut Random,
 ) -> [f32; MAX_INTERVALS] {
@@ -57,7 +57,7 @@ pub fn activities(
             Activity::Uniform => 1.0,
             Activity::Residual | Activity::Shuffled => {
                 let mut largest = 0.0;
-                for (anchor, &error) in anchors.iter().zip(&measured.errors) {
+                for (anchor, &error) in anchors.iter().zip(&distances.errors) {
                     if anchor.frame == interval.left || anchor.frame == interval.right {
                         let rho = tolerance.get(anchor.family);
                         largest = larger(largest, if rho > 0.0 { error / rho } else { 1.0 });
@@ -77,7 +77,7 @@ pub fn activities(
 fn shuffle(values: &mut [f32; MAX_INTERVALS], count: usize, random: &mut Random) {
     for last in (1..count).rev() {
         let other = random.below(last + 1);
-        let Some((head, tail)) = values.split_at_mut_checked(last) else { continue };
+        let Some((head, tail)) = values.split_at_mut_checked(last) else { return broken(()) };
         // `other == last` leaves the value where it is.
         if let (Some(a), Some(b)) = (head.get_mut(other), tail.first_mut()) {
             swap(a, b);

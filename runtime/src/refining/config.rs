@@ -1,10 +1,7 @@
 //! What the solver is asked to do: method, budget, weights, basis.
 
-use super::residual_metric::Prior;
-use crate::perception::anchors::{AnchorSet, Family};
-
-/// Most token embeddings a motion may have (196 frames).
-pub const MAX_TOKENS: usize = 49;
+use super::metric::Prior;
+use crate::request::conditions::{AnchorSet, Family};
 
 /// One number for each control family.
 #[derive(Clone, Copy, Debug, PartialEq)]

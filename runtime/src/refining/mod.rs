@@ -5,12 +5,12 @@
 //! lies behind it. It owns no memory: [`solve`] works in one slice of [`scratch_len`] numbers.
 //!
 //! # Layers
-//! - [`route_solver`]: entry point; RouteSolver as published, `u <- u + P(Adam step)`, and the last steps both methods share.
-//! - [`quasi_newton`]: the fast default, L-BFGS in the coefficients of the interval basis.
-//! - [`objective`]: `J(u)`, its gradient with respect to joint positions, control errors.
-//! - [`residual_metric`]: what integration does to the anchors' residuals, undone; the reason why few evaluations suffice.
-//! - [`interval_basis`]: anchor intervals on the token grid, ridge projection, orthonormal coefficients.
+//! - [`methods`]: entry point and the two ways to step: RouteSolver as published, and the fast default, L-BFGS.
+//! - [`terms`]: the objective `J(u)`, a list of terms: anchors, smoothness, feasibility, trust region.
+//! - [`metric`]: what integration does to the anchors' residuals, undone; the reason why few evaluations suffice.
+//! - [`basis`]: anchor intervals on the token grid, ridge projection, orthonormal coefficients.
 //! - [`activity`]: how much correction each interval may receive.
+//! - [`map`], [`grid`]: what is asked of the decoder; tokens and their frames.
 //! - [`optimiser`]: Adam and L-BFGS over plain slices, without knowledge of motion.
 //! - [`config`], [`report`]: what goes in, what comes out.
 //!
@@ -19,63 +19,25 @@
 //! whose objective or gradient is not finite is rejected, so no NaN leaves the solver.
 
 pub mod activity;
+pub mod basis;
 pub mod config;
-pub mod interval_basis;
-pub mod objective;
+pub mod grid;
+pub mod map;
+pub mod methods;
+pub mod metric;
 pub mod optimiser;
-pub mod quasi_newton;
 pub mod report;
-pub mod residual_metric;
-pub mod route_solver;
+pub mod terms;
+#[cfg(test)]
+mod tests;
 mod vector;
 
+pub use crate::stop::Stop;
 pub use config::{Activity, Basis, Config, Method, PerFamily};
+pub use grid::TokenGrid;
+pub use map::MotionMap;
+pub use methods::{scratch_len, solve};
+pub use metric::Prior;
 pub use report::{ControlError, Report, SolverError, StopReason};
-pub use residual_metric::Prior;
-pub use route_solver::{scratch_len, solve};
-
-/// Wish of whoever watches the work, delivered through a [`MotionMap`] in the middle of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Stop {
-    /// Stop at once; the result is not wanted. [`solve`] returns [`SolverError::Aborted`].
-    Abort,
-    /// Stop at once and return the best so far.
-    Finish,
-}
-
-/// The differentiable road from token embeddings `u [tokens][width]` to joint positions.
-///
-/// Implementors MUST keep what one [`forward`](Self::forward) computed until the next: [`position`](Self::position) and
-/// [`backward`](Self::backward) refer to it. The solver never asks for a gradient before the first forward pass.
-pub trait MotionMap {
-    /// Frames of the motion, normally 4 a token.
-    fn frames(&self) -> usize;
-
-    /// Token embeddings the map takes.
-    fn tokens(&self) -> usize;
-
-    /// Numbers in one token embedding.
-    fn width(&self) -> usize;
-
-    /// Decodes `u [tokens][width]`: one decoder evaluation.
-    ///
-    /// # Errors
-    /// [`Stop`] when the work is to end here; positions are then those of no motion and must not be used.
-    fn forward(&mut self, u: &[f32]) -> Result<(), Stop>;
-
-    /// Position of `joint` (SMPL order) at `frame`, metres, of the last forward pass.
-    fn position(&self, joint: u8, frame: usize) -> [f32; 3];
-
-    /// Sets the gathered `dJ/dposition` to zero.
-    fn clear_gradient(&mut self);
-
-    /// Adds `d` to `dJ/dposition` of `joint` at `frame`.
-    fn add_gradient(&mut self, joint: u8, frame: usize, d: [f32; 3]);
-
-    /// Writes `dJ/du [tokens][width]` of the gathered gradient at the point of the last forward pass.
-    ///
-    /// # Errors
-    /// [`Stop`] when the work is to end here; `du` is then unspecified.
-    fn backward(&mut self, du: &mut [f32]) -> Result<(), Stop>;
-}
+pub(crate) use terms::most_joints;
+pub use terms::{Objective, Term};

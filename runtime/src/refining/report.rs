@@ -20,7 +20,7 @@ pub struct ControlError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StopReason {
-    /// No anchor is further off than the configured error.
+    /// No anchor of the result is further off than the configured error.
     Tolerance,
     /// The budget of decoder evaluations is spent.
     Budget,
@@ -77,7 +77,7 @@ pub enum SolverError {
         /// Numbers expected.
         need: usize,
     },
-    /// The map has no token, or more than [`MAX_TOKENS`](super::config::MAX_TOKENS).
+    /// The map has no token, or so many that its frames cannot be counted in 16 bits.
     Tokens {
         /// Tokens of the map.
         tokens: usize,

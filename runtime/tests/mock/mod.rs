@@ -4,8 +4,11 @@
 //! and planar velocity, height and 21 local positions. The root integrates its velocities, turned by the integrated yaw.
 #![allow(dead_code)]
 
-use motionette::perception::anchors::{Anchor, AnchorSet};
-use motionette::refining::{MotionMap, Stop};
+use std::cell::Cell;
+use std::ops::ControlFlow;
+
+use motionette::refining::{MotionMap, Stop, TokenGrid};
+use motionette::request::conditions::{Anchor, AnchorSet};
 
 pub const JOINTS: usize = 22;
 /// Yaw velocity, planar velocity, height, 21 local positions.
@@ -54,6 +57,7 @@ pub struct StopAt {
 #[derive(Clone)]
 pub struct Mock {
     pub tokens: usize,
+    pub frames_per_token: usize,
     pub width: usize,
     /// `[HIDDEN][width]`, `[CHANNELS][HIDDEN]`, `[CHANNELS][width]`.
     first: Vec<f64>,
@@ -80,10 +84,17 @@ pub struct Mock {
     pub whole: bool,
     /// Every `u` that was evaluated.
     pub seen: Vec<Vec<f32>>,
+    /// Positions that were asked for.
+    pub asked: Cell<usize>,
 }
 
 impl Mock {
+    /// Four frames a token.
     pub fn new(seed: u64, tokens: usize, width: usize) -> Self {
+        Self::with_frames_per_token(seed, tokens, width, 4)
+    }
+
+    pub fn with_frames_per_token(seed: u64, tokens: usize, width: usize, frames_per_token: usize) -> Self {
         let mut random = Random::new(seed);
         let mut fill = |n: usize, scale: f64| (0..n).map(|_| scale * random.normal()).collect::<Vec<_>>();
         let first = fill(HIDDEN * width, 1.0 / (width as f64).sqrt());
@@ -96,15 +107,16 @@ impl Mock {
             bias[channel] *= 0.02;
         }
         bias[3] = 0.9;
-        let frames = 4 * tokens;
+        let frames = frames_per_token * tokens;
         Self {
             tokens,
+            frames_per_token,
             width,
             first,
             second,
             skip,
             bias,
-            taps: (0..frames).map(|frame| taps(frame, tokens)).collect(),
+            taps: (0..frames).map(|frame| taps(frame, tokens, frames_per_token)).collect(),
             window: vec![0.0; frames * width],
             hidden: vec![0.0; frames * HIDDEN],
             channels: vec![0.0; frames * CHANNELS],
@@ -118,13 +130,18 @@ impl Mock {
             poison: false,
             whole: false,
             seen: Vec::new(),
+            asked: Cell::new(0),
         }
+    }
+
+    pub fn frames(&self) -> usize {
+        self.frames_per_token * self.tokens
     }
 
     /// Positions `[frames][JOINTS]` at `u`.
     pub fn decode(&mut self, u: &[f64]) {
         let width = self.width;
-        for frame in 0..4 * self.tokens {
+        for frame in 0..self.frames() {
             let window = &mut self.window[frame * width..(frame + 1) * width];
             window.fill(0.0);
             for &(token, weight) in &self.taps[frame] {
@@ -143,7 +160,7 @@ impl Mock {
             }
         }
         let (mut yaw, mut x, mut z) = (0.0f64, 0.0, 0.0);
-        for frame in 0..4 * self.tokens {
+        for frame in 0..self.frames() {
             let row = self.channels[frame * CHANNELS..(frame + 1) * CHANNELS].to_vec();
             let (sin, cos) = yaw.sin_cos();
             self.yaw[frame] = yaw;
@@ -163,7 +180,7 @@ impl Mock {
 
     /// `dJ/du` of the gathered gradient at the last decoded point.
     pub fn pull_back(&self) -> Vec<f64> {
-        let frames = 4 * self.tokens;
+        let frames = self.frames();
         let mut du = vec![0.0; self.tokens * self.width];
         // Suffix sums over later frames: of dJ/dx, dJ/dz and dJ/dyaw.
         let (mut gx, mut gz, mut gyaw) = (0.0, 0.0, 0.0);
@@ -213,10 +230,10 @@ impl Mock {
         du
     }
 
-    fn call(&self) -> Result<(), Stop> {
+    fn call(&self) -> ControlFlow<Stop> {
         match self.stop_at {
-            Some(at) if self.forwards + self.backwards > at.calls => Err(at.stop),
-            _ => Ok(()),
+            Some(at) if self.forwards + self.backwards > at.calls => ControlFlow::Break(at.stop),
+            _ => ControlFlow::Continue(()),
         }
     }
 
@@ -247,7 +264,7 @@ impl Mock {
     }
 
     pub fn set(&self, anchors: &[Anchor]) -> AnchorSet {
-        AnchorSet::new(anchors, 4 * self.tokens).expect("valid anchors")
+        AnchorSet::new(anchors, self.frames()).expect("valid anchors")
     }
 }
 
@@ -256,26 +273,23 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Tokens within two tokens of a frame and their weights.
-fn taps(frame: usize, tokens: usize) -> Vec<(usize, f64)> {
-    let centre = (frame as f64 - 1.5) / 4.0;
+fn taps(frame: usize, tokens: usize, frames_per_token: usize) -> Vec<(usize, f64)> {
+    let each = frames_per_token as f64;
+    let centre = (frame as f64 - 0.5 * (each - 1.0)) / each;
     let weight = |token: usize| 1.0 - (token as f64 - centre).abs() / 2.0;
     (0..tokens).map(|token| (token, weight(token))).filter(|(_, weight)| *weight > 0.0).collect()
 }
 
 impl MotionMap for Mock {
-    fn frames(&self) -> usize {
-        4 * self.tokens
-    }
-
-    fn tokens(&self) -> usize {
-        self.tokens
+    fn grid(&self) -> TokenGrid {
+        TokenGrid { tokens: self.tokens, frames_per_token: self.frames_per_token }
     }
 
     fn width(&self) -> usize {
         self.width
     }
 
-    fn forward(&mut self, u: &[f32]) -> Result<(), Stop> {
+    fn forward(&mut self, u: &[f32]) -> ControlFlow<Stop> {
         self.forwards += 1;
         self.seen.push(u.to_vec());
         self.whole = false;
@@ -284,10 +298,11 @@ impl MotionMap for Mock {
         self.poison = self.poisoned.contains(&(self.forwards - 1));
         let wide: Vec<f64> = u.iter().map(|&v| f64::from(v)).collect();
         self.decode(&wide);
-        Ok(())
+        ControlFlow::Continue(())
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {
+        self.asked.set(self.asked.get() + 1);
         if self.poison {
             return [f32::NAN; 3];
         }
@@ -304,12 +319,12 @@ impl MotionMap for Mock {
         }
     }
 
-    fn backward(&mut self, du: &mut [f32]) -> Result<(), Stop> {
+    fn backward(&mut self, du: &mut [f32]) -> ControlFlow<Stop> {
         self.backwards += 1;
         self.call()?;
         for (slot, value) in du.iter_mut().zip(self.pull_back()) {
             *slot = value as f32;
         }
-        Ok(())
+        ControlFlow::Continue(())
     }
 }

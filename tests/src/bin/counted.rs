@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_tests::standard;
 
 fn main() -> Result<()> {

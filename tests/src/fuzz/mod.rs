@@ -24,10 +24,10 @@ use motionette::{Generator, Model, Request};
 use crate::tiny::{PriorShape, Shape, Tiny};
 
 /// Largest blob of the corpus without anchor control, bytes.
-pub const MAX_BLOB: usize = 8 * 1024;
+pub const MAX_BLOB: usize = 8 * 1024 + 512;
 /// Largest one with it. Its layers alone, each a channel wide, leave no room for the other 263 channels' constants in
 /// [`MAX_BLOB`].
-pub const MAX_CONTROLLED_BLOB: usize = 10 * 1024;
+pub const MAX_CONTROLLED_BLOB: usize = 10 * 1024 + 512;
 
 /// Small models of different shapes, each under [`MAX_BLOB`] or [`MAX_CONTROLLED_BLOB`] bytes, with a name.
 #[must_use]

@@ -4,9 +4,10 @@
 use motionette::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
 use motionette::{
-    Anchor, Error, Fixed, Flow, Generator, Length, Limits, Model, Observer, Plan, Planning, Progress, Prompt, ROWS,
-    Request, Sampling, Schedule, Source, Target,
+    Anchor, AnchorList, Error, Fixed, Generator, Length, Limits, Model, Observer, Plan, Planning, Progress, Prompt,
+    ROWS, Request, Sampling, Schedule, Source, Stop, Target,
 };
+use std::ops::ControlFlow;
 
 use super::{Entry, Memory, Tally};
 
@@ -19,21 +20,21 @@ pub(super) struct Stopper {
     /// Calls that are let through, and one; 0 lets all through.
     pub left: u32,
     /// What it wishes then.
-    pub wish: Flow,
+    pub wish: ControlFlow<Stop>,
 }
 
 impl Observer for Stopper {
-    fn progress(&mut self, _: Progress) -> Flow {
+    fn progress(&mut self, _: Progress) -> ControlFlow<Stop> {
         let now = self.left == 1;
         self.left = self.left.saturating_sub(1);
-        if now { self.wish } else { Flow::Continue }
+        if now { self.wish } else { ControlFlow::Continue(()) }
     }
 }
 
 /// Arena bytes of the least request there is.
 pub(super) fn least(model: &Model<'_>) -> usize {
     let limits = Limits { tokens: 1, anchors: 0, refinement: Config::default(), planning: None, rows: ROWS };
-    Plan::for_request(model, &limits).arena_bytes
+    Plan::for_request(model, &limits).expect("the limits are legal").arena_bytes
 }
 
 /// Arena bytes of `request` with so many rows at a time, if it can be planned.
@@ -69,7 +70,7 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
     let frames = positions.clamp(1, model.max_tokens()) * model.frames_per_token();
     let anchors: Vec<Anchor> = (0..anchor_count(random)).map(|_| anchor(random, frames)).collect();
     let planning = planning(random, &fixed);
-    let request = Request { source, anchors: &anchors, refinement, planning };
+    let request = Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning };
 
     // Anything from the least request's need on, exactly what this one needs, a byte less, or plenty from an odd address.
     let rows = random.below(30) as usize;
@@ -85,8 +86,10 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
     };
     let mut generator = Generator::new(model.clone(), arena).map_err(|e| e.to_string())?;
     generator.set_rows(rows);
-    let mut stopper =
-        Stopper { left: 1 + random.below(200), wish: if random.below(2) == 0 { Flow::Finish } else { Flow::Abort } };
+    let mut stopper = Stopper {
+        left: 1 + random.below(200),
+        wish: if random.below(2) == 0 { ControlFlow::Break(Stop::Finish) } else { ControlFlow::Break(Stop::Abort) },
+    };
     if random.below(3) == 0 {
         serve(&mut generator, &request, &mut stopper, tally)?;
     } else {

@@ -3,9 +3,10 @@
 
 use motionette::hash::Stream;
 use motionette::{
-    Error, Fixed, Flow, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, StreamLimits, StreamPlan,
-    planning,
+    AnchorList, Error, Fixed, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, Stop, StreamLimits,
+    StreamPlan, planning,
 };
+use std::ops::ControlFlow;
 
 use super::requests::{self, Stopper};
 use super::{Entry, Memory, Tally};
@@ -39,7 +40,7 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
         planning,
         rows: random.below(30) as usize,
     };
-    let plan = StreamPlan::new(model, &limits);
+    let plan = StreamPlan::new(model, &limits).map_err(|e| e.to_string())?;
     let short = random.below(8) == 0;
     let size = if short { plan.arena_bytes - 1 } else { plan.arena_bytes };
     let mut generator = Generator::new(model.clone(), memory.arena.painted(size)).map_err(|e| e.to_string())?;
@@ -91,7 +92,7 @@ fn operation(
     tally: &mut Tally,
 ) -> Result<(), String> {
     let most = 4 * model.frames_per_token();
-    let wish = if random.below(2) == 0 { Flow::Finish } else { Flow::Abort };
+    let wish = if random.below(2) == 0 { ControlFlow::Break(Stop::Finish) } else { ControlFlow::Break(Stop::Abort) };
     let mut stopper = Stopper { left: if random.below(2) == 0 { random.below(60) } else { 0 }, wish };
     let tokens: Vec<u16> = (0..requests::length(random, model, model.codebooks().quantizers()))
         .map(|_| requests::token(random, model))
@@ -111,7 +112,7 @@ fn operation(
             };
             let anchors = if random.below(8) == 0 { &anchors[..] } else { &[] };
             let planning = requests::planning(random, &fixed);
-            let request = Request { source, anchors, refinement: None, planning };
+            let request = Request { source, anchors: AnchorList::Frames(anchors), refinement: None, planning };
             let last = random.below(16) == 0;
             let planned =
                 if last { stream.plan_last(&request, &mut stopper) } else { stream.plan(&request, &mut stopper) };

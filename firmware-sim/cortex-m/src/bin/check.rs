@@ -6,13 +6,14 @@
 #![no_std]
 #![no_main]
 
+use core::ops::ControlFlow;
 use core::{hint::black_box, panic::PanicInfo};
 
 use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::ROWS;
 use motionette::{
-    Anchor, Error, Fixed, Flow, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
+    Anchor, AnchorList, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request, Stop,
     Sampling, Source, StreamLimits, StreamPlan, planning, refining::Config,
 };
 #[cfg(feature = "playback")]
@@ -26,10 +27,10 @@ use motionette::{
 };
 
 /// An observer whose answer the optimiser cannot know.
-struct Watch(Flow);
+struct Watch(ControlFlow<Stop>);
 
 impl Observer for Watch {
-    fn progress(&mut self, progress: Progress) -> Flow {
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         black_box(progress);
         black_box(self.0)
     }
@@ -67,13 +68,15 @@ fn serve(
         Sampling::Sample { temperature: 1.0, top_k: 5, top_p: 0.9 },
         Sampling::Gumbel { temperature: 1.0 },
     ];
+    // By frame or by time: the optimiser cannot know.
+    let list = black_box(AnchorList::Frames(anchors));
     let mut hash = 0;
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
-        let request = Request { source, anchors, refinement: black_box(Some(refinement)), planning };
+        let request = Request { source, anchors: list, refinement: black_box(Some(refinement)), planning };
         black_box(generator.plan(&request).map_err(Refused::Request)?);
-        let motion = generator.generate(&request, &mut Watch(Flow::Continue)).map_err(Refused::Request)?;
+        let motion = generator.generate(&request, &mut Watch(ControlFlow::Continue(()))).map_err(Refused::Request)?;
         black_box((motion.frames(), motion.tokens(), motion.words(), motion.unknown_words()));
         black_box(motion.unconditioned_anchors());
         hash ^= motion.hash();
@@ -85,7 +88,7 @@ fn serve(
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
-        let request = black_box(Request { source, anchors, refinement: None, planning });
+        let request = black_box(Request { source, anchors: list, refinement: None, planning });
         hash ^= stream(&mut generator, &limits, &request)?;
     }
     Ok(hash)
@@ -177,7 +180,7 @@ fn stream(generator: &mut Generator<'_>, limits: &StreamLimits, request: &Reques
     let mut frames = 0;
     for last in black_box([false, true]) {
         black_box((stream.room(), stream.frames_ahead(), stream.rebase()));
-        let watch = &mut Watch(Flow::Continue);
+        let watch = &mut Watch(ControlFlow::Continue(()));
         let planned = if last { stream.plan_last(request, watch) } else { stream.plan(request, watch) };
         black_box(planned.map_err(Refused::Request)?);
         black_box(stream.push(black_box(&[0])).map_err(Refused::Request)?);

@@ -4,11 +4,12 @@
 #![no_std]
 #![no_main]
 
+use core::ops::ControlFlow;
 use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use motionette::MOST_ROWS;
-use motionette::{Flow, Generator, Model, Observer, Progress, Stage, blob::Aligned};
+use motionette::{Stop, Generator, Model, Observer, Progress, Stage, blob::Aligned};
 use motionette_cortex_m::{stack, standard};
 use semihosting::{println, process::exit};
 
@@ -31,14 +32,14 @@ macro_rules! mark {
 struct Stages;
 
 impl Observer for Stages {
-    fn progress(&mut self, progress: Progress) -> Flow {
+    fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         match progress.stage {
             Stage::Reading => mark!("3"),
             Stage::Planning => mark!("4"),
             Stage::Refining => mark!("5"),
             Stage::Decoding => mark!("6"),
         }
-        Flow::Continue
+        ControlFlow::Continue(())
     }
 }
 
@@ -61,8 +62,7 @@ fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
     let Ok(model) = model else { exit(1) };
     let mut generator = Generator::new(model, arena)?;
     let anchors = standard::anchors();
-    let Ok(anchors) = anchors.as_slice() else { exit(1) };
-    let request = standard::request().through(anchors);
+    let request = standard::request().through(&anchors);
     let plan = generator.plan(&request)?;
     mark!("2");
     let motion = generator.generate(&request, &mut ())?;

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use motionette::decoding::decoder::Portion;
 use motionette::{Generator, Request};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_link::Preset;
 use motionette_link::update::Layout;
 use motionette_sim::report::INSTRUCTIONS_PER_MAC;
@@ -60,7 +60,7 @@ fn run(cli: &Cli) -> Result<()> {
     let model = blob.model()?;
     let preset = Preset::PICO2;
     let anchors = motionette_sim::standard::anchors();
-    let anchors = anchors.as_slice()?;
+    let anchors = anchors.by_frame(model.frame_rate())?;
     let early: Vec<_> = anchors
         .iter()
         .map(|anchor| motionette::Anchor { frame: anchor.frame.min(preset.frames - 1), ..*anchor })

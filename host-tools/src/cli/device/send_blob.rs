@@ -8,7 +8,7 @@ use motionette_link::message::Hello;
 use serde_json::{Value, json};
 
 use super::{Session, report};
-use crate::blob_file::BlobFile;
+use crate::blob::BlobFile;
 use crate::cli::{bar, say};
 
 /// Sends a blob into the slot that is not active; the device verifies it and takes it from then on.

@@ -1,4 +1,6 @@
 //! Text to [`Bvh`].
+//!
+//! Why not a library: exporters stray from the format in many small ways, and people must learn the line and the cause of each.
 
 use super::{Bvh, Channel, Joint, Problem};
 

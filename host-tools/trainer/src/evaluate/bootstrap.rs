@@ -1,4 +1,6 @@
 //! 95 % intervals by drawing again from what was measured (Efron 1979, percentile intervals).
+//!
+//! Why not a library: it is one loop over seeded draws, and those draws are part of the published tables.
 
 use motionette_host::parallel;
 

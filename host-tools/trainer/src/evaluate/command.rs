@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::file_hash;
 use motionette_host::dataset::{Dataset, Split};
 use motionette_host::motion::features::{Bones, Options, extract};

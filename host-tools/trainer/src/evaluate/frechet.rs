@@ -3,6 +3,8 @@
 //!
 //! `tr (A B)^(1/2) = tr (A^(1/2) B A^(1/2))^(1/2)`: the right side takes roots of symmetric matrices only.
 
+use nalgebra::{DMatrix, SymmetricEigen};
+
 /// Mean and covariance of a set of vectors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gaussian {
@@ -66,65 +68,19 @@ fn multiply(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
 
 /// Symmetric root of a symmetric matrix; negative eigenvalues count as 0.
 fn root(matrix: &[f64], n: usize) -> Vec<f64> {
-    let mut values = matrix.to_vec();
-    // Rows become eigenvectors.
-    let mut vectors: Vec<f64> = (0..n * n).map(|i| if i % (n + 1) == 0 { 1.0 } else { 0.0 }).collect();
-    jacobi(&mut values, Some(&mut vectors), n);
-    let mut result = vec![0.0; n * n];
-    for (k, vector) in vectors.chunks_exact(n.max(1)).enumerate() {
-        let scale = values[k * n + k].max(0.0).sqrt();
-        for (row, x) in result.chunks_exact_mut(n).zip(vector) {
-            row.iter_mut().zip(vector).for_each(|(sum, y)| *sum += scale * x * y);
-        }
+    if n == 0 {
+        return Vec::new();
     }
-    result
+    let SymmetricEigen { eigenvectors, eigenvalues } = DMatrix::from_row_slice(n, n, matrix).symmetric_eigen();
+    let roots = DMatrix::from_diagonal(&eigenvalues.map(|x| x.max(0.0).sqrt()));
+    (&eigenvectors * roots * eigenvectors.transpose()).as_slice().to_vec()
 }
 
-fn eigenvalues(mut matrix: Vec<f64>, n: usize) -> Vec<f64> {
-    jacobi(&mut matrix, None, n);
-    (0..n).map(|i| matrix[i * n + i]).collect()
-}
-
-/// Most sweeps of [`jacobi`]; it is done after about eight.
-const SWEEPS: usize = 50;
-
-/// Cyclic Jacobi (Golub and Van Loan, algorithm 8.5.3): turns a symmetric matrix into a diagonal one of its eigenvalues, and the rows of
-/// `vectors` with it.
-fn jacobi(a: &mut [f64], mut vectors: Option<&mut Vec<f64>>, n: usize) {
-    let scale: f64 = a.iter().map(|x| x * x).sum();
-    for _ in 0..SWEEPS {
-        let outside: f64 = (0..n * n).filter(|i| i % (n + 1) != 0).map(|i| a[i] * a[i]).sum();
-        if outside <= 1e-26 * scale {
-            return;
-        }
-        for p in 0..n {
-            for q in p + 1..n {
-                let off = a[p * n + q];
-                if off == 0.0 {
-                    continue;
-                }
-                let theta = (a[q * n + q] - a[p * n + p]) / (2.0 * off);
-                let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
-                let cos = 1.0 / t.hypot(1.0);
-                let sin = t * cos;
-                rotate(a, n, p, q, cos, sin);
-                for row in a.chunks_exact_mut(n) {
-                    (row[p], row[q]) = (cos * row[p] - sin * row[q], sin * row[p] + cos * row[q]);
-                }
-                if let Some(vectors) = vectors.as_deref_mut() {
-                    rotate(vectors, n, p, q, cos, sin);
-                }
-            }
-        }
+fn eigenvalues(matrix: Vec<f64>, n: usize) -> Vec<f64> {
+    if n == 0 {
+        return Vec::new();
     }
-}
-
-/// Rotates rows p < q against each other.
-fn rotate(matrix: &mut [f64], n: usize, p: usize, q: usize, cos: f64, sin: f64) {
-    let (upper, lower) = matrix.split_at_mut(q * n);
-    for (x, y) in upper[p * n..(p + 1) * n].iter_mut().zip(&mut lower[..n]) {
-        (*x, *y) = (cos * *x - sin * *y, sin * *x + cos * *y);
-    }
+    DMatrix::from_vec(n, n, matrix).symmetric_eigenvalues().as_slice().to_vec()
 }
 
 #[cfg(test)]

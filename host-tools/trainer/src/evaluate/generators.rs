@@ -7,10 +7,10 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use motionette::planning::{Planning, Sampling, Schedule};
 use motionette::{Length, Request};
-use motionette_host::blob_file::BlobFile;
+use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, file_hash, prior};
 use motionette_host::motion::Pose;
-use motionette_host::reference::{Prior, Quantizer, Road, tmd};
+use motionette_host::reference::{DecodePath, Prior, Quantizer, tmd};
 use motionette_host::verify;
 use serde_json::{Value, json};
 
@@ -152,12 +152,12 @@ pub fn reference(prior: &Path, tokenizer: &Path, options: Options) -> Result<Box
     prior.check_tokenizer(&tokenizer).context("the prior was trained with another tokenizer")?;
     let planner = Prior::<f32>::new(&prior, &tokenizer);
     let quantizer = Quantizer::<f32>::new(&tokenizer.codebooks, tokenizer.config.code_dim);
-    let road = Road::<f32>::new(&tokenizer)?;
+    let decode_path = DecodePath::<f32>::new(&tokenizer)?;
     Ok(Box::new(move |prompt, seed| {
         let words = planner.text.read(&prompt.caption)?;
         let tokens = planner.generate(&words.ids, options.guidance, prompt.tokens, &options.settings(prompt, seed));
         let ids: Vec<i64> = tokens.iter().map(|token| i64::from(*token)).collect();
-        let joints: Vec<Pose> = road.forward(&quantizer.decode(&ids)?).joints;
+        let joints: Vec<Pose> = decode_path.forward(&quantizer.decode(&ids)?).joints;
         Ok(Motion { joints, tokens })
     }))
 }

@@ -3,7 +3,7 @@
 //! The initial inverse Hessian is `gamma * diag(c)`: `gamma = s.y / y.y` of the newest pair, `c` supplied by the caller for
 //! every direction, so that a preconditioner may change from step to step.
 
-use crate::refining::vector::{axpy, dot, rows, rows_mut};
+use crate::refining::vector::{axpy, broken, dot, rows, rows_mut};
 
 /// Most pairs that can be remembered.
 pub const MAX_MEMORY: usize = 8;
@@ -37,7 +37,7 @@ impl<'a> Lbfgs<'a> {
         let memory = if memory < MAX_MEMORY { memory } else { MAX_MEMORY };
         let (steps, changes) = match history.split_at_mut_checked(n * memory) {
             Some(halves) => halves,
-            None => (&mut [] as &mut [f32], &mut [] as &mut [f32]),
+            None => broken(Default::default()),
         };
         Self { steps, changes, inverse_curvature: [0.0; MAX_MEMORY], memory, n, len: 0, next: 0, gamma: 1.0 }
     }
@@ -59,8 +59,8 @@ impl<'a> Lbfgs<'a> {
         if self.len == self.memory {
             self.len = self.len.saturating_sub(1);
         }
-        let Some(step) = rows_mut(self.steps, self.n).nth(self.next) else { return };
-        let Some(change) = rows_mut(self.changes, self.n).nth(self.next) else { return };
+        let Some(step) = rows_mut(self.steps, self.n).nth(self.next) else { return broken(()) };
+        let Some(change) = rows_mut(self.changes, self.n).nth(self.next) else { return broken(()) };
         for (s, d) in step.iter_mut().zip(direction) {
             *s = scale * d;
         }
@@ -73,8 +73,8 @@ impl<'a> Lbfgs<'a> {
     /// dropped.
     pub fn complete(&mut self, gradient: &[f32]) {
         let slot = self.next;
-        let Some(step) = rows(self.steps, self.n).nth(slot) else { return };
-        let Some(change) = rows_mut(self.changes, self.n).nth(slot) else { return };
+        let Some(step) = rows(self.steps, self.n).nth(slot) else { return broken(()) };
+        let Some(change) = rows_mut(self.changes, self.n).nth(slot) else { return broken(()) };
         for (y, g) in change.iter_mut().zip(gradient) {
             *y += g;
         }

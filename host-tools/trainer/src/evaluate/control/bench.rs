@@ -8,8 +8,8 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use motionette::Request;
 use motionette::refining::Config;
-use motionette_host::blob_file::BlobFile;
-use motionette_host::verify::solvers::runtime_anchor;
+use motionette_host::blob::BlobFile;
+use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::{metrics, parallel, verify};
 use serde::{Deserialize, Serialize};
 
@@ -178,7 +178,7 @@ impl Bench<'_> {
                 Request::text(&prompt.caption).planned(self.generation.planning(prompt, seed))
             }
         };
-        let request = Request { anchors: &anchors, refinement: way.refinement, ..request };
+        let request = Request { refinement: way.refinement, ..request.anchors(&anchors) };
         let request = if way.origin == Origin::Prior { request.unconditioned() } else { request };
         let motion = verify::run(self.blob, &prompt.caption, &request)?;
         let error = metrics::control_error(&motion.joints, &anchors).context("anchors lie within the motion")?;

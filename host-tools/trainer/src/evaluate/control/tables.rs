@@ -6,8 +6,8 @@ use std::time::Instant;
 use anyhow::Result;
 use motionette::refining::{Activity, Basis, Config};
 use motionette::{Generator, Request};
+use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::verify;
-use motionette_host::verify::solvers::runtime_anchor;
 
 use super::bench::{Bench, Origin, Way};
 use super::problem::Problem;
@@ -209,7 +209,7 @@ impl Bench<'_> {
                 let anchors = problem.anchors(&self.real[place].joints, place, 0);
                 let request = Request::text(&prompt.caption).planned(self.generation.planning(prompt, 0));
                 let anchors: Vec<_> = anchors.iter().map(runtime_anchor).collect();
-                let request = Request { anchors: &anchors, refinement, ..request };
+                let request = Request { refinement, ..request.anchors(&anchors) };
                 let plan = Generator::new(self.blob.model()?, &mut [])?.plan(&request)?;
                 let start = Instant::now();
                 let motion = verify::run(self.blob, &prompt.caption, &request)?;

@@ -1,0 +1,97 @@
+//! The bytes of a blob: header, manifest, tensor table, weight section (`runtime/src/blob/FORMAT.md`).
+
+use motionette::blob::{ALIGNMENT, DType, HEADER_LEN, Header, MAJOR, MINOR, Manifest, TensorEntry};
+
+use super::AlignedBlob;
+
+/// A blob could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A length or an offset is larger than its field.
+    #[error("{what} is {found}, the blob format allows {bits} bits; train a smaller configuration")]
+    TooLarge {
+        /// Which length or offset.
+        what: &'static str,
+        /// Its value.
+        found: usize,
+        /// Bits of its field.
+        bits: usize,
+    },
+    /// Postcard could not write the manifest or the table.
+    #[error("the manifest cannot be serialised: {0}")]
+    Manifest(#[from] postcard::Error),
+}
+
+/// A tensor that waits for its place in the weight section.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tensor {
+    /// Name.
+    pub name: String,
+    /// Number format.
+    pub dtype: DType,
+    /// Shape, slowest dimension first.
+    pub shape: [u16; 3],
+    /// Its bytes, as the format wants them.
+    pub bytes: Vec<u8>,
+}
+
+impl Tensor {
+    /// The vector `[1][1][n]` of f32.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`].
+    pub fn vector(name: String, values: &[f32]) -> Result<Self, Error> {
+        let shape = [1, 1, narrow(values.len(), "length of a vector")?];
+        Ok(Self { name, dtype: DType::F32, shape, bytes: values.iter().flat_map(|v| v.to_le_bytes()).collect() })
+    }
+}
+
+/// The blob of `manifest`, whose `tensor_count` is that of `tensors`, in their order.
+///
+/// # Errors
+/// [`Error`].
+pub fn write(manifest: &Manifest<'_>, tensors: &[Tensor]) -> Result<AlignedBlob, Error> {
+    let (mut table, mut weights) = (Vec::new(), Vec::new());
+    for tensor in tensors {
+        weights.resize(weights.len().next_multiple_of(ALIGNMENT), 0);
+        let offset = narrow(weights.len(), "weight section")?;
+        let entry = TensorEntry { name: &tensor.name, dtype: tensor.dtype, shape: tensor.shape, offset };
+        table.extend(postcard::to_stdvec(&entry)?);
+        weights.extend_from_slice(&tensor.bytes);
+    }
+    file(manifest, &table, &weights)
+}
+
+/// The bytes of a blob from its parts: header, `manifest`, the tensor `table` as it is on the wire, `weights`.
+///
+/// # Errors
+/// [`Error`].
+pub fn file(manifest: &Manifest<'_>, table: &[u8], weights: &[u8]) -> Result<AlignedBlob, Error> {
+    let mut text = postcard::to_stdvec(manifest)?;
+    text.extend_from_slice(table);
+    let offset = (HEADER_LEN + text.len()).next_multiple_of(ALIGNMENT);
+    let mut header = Header {
+        major: MAJOR,
+        minor: MINOR,
+        total_len: narrow(offset + weights.len(), "blob")?,
+        manifest_len: narrow(text.len(), "manifest")?,
+        weights_offset: narrow(offset, "manifest")?,
+        weights_len: narrow(weights.len(), "weight section")?,
+        crc: 0,
+    };
+    let mut blob = header.emit().to_vec();
+    blob.extend(text);
+    blob.resize(offset, 0);
+    blob.extend_from_slice(weights);
+    header.crc = Header::checksum(&blob);
+    blob[..HEADER_LEN].copy_from_slice(&header.emit());
+    Ok(AlignedBlob::new(&blob))
+}
+
+/// A size in the format's own integer type.
+///
+/// # Errors
+/// [`Error::TooLarge`], with `what`.
+pub fn narrow<T: TryFrom<usize>>(found: usize, what: &'static str) -> Result<T, Error> {
+    T::try_from(found).map_err(|_| Error::TooLarge { what, found, bits: 8 * size_of::<T>() })
+}

@@ -1,0 +1,108 @@
+//! What the blob knows of text.
+
+use super::{Reader, generator::transformer};
+use crate::nn::block::TransformerConfig;
+use serde::Serialize;
+
+/// Words a vocabulary may have.
+pub const MAX_VOCABULARY: usize = 16_384;
+/// Prompts a blob may store.
+pub const MAX_BANK: usize = 512;
+
+/// What the blob knows of text.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TextConfig<'a> {
+    /// Width of a memory row and of the pooled vector.
+    pub width: u16,
+    /// Longest prompt, words.
+    pub max_words: u16,
+    /// Encoder; `None`: stored prompts only.
+    pub encoder: Option<TextEncoderConfig<'a>>,
+    /// How long a motion the text asks for.
+    pub length: TextLength,
+    /// Stored prompts.
+    pub bank: PhraseBank<'a>,
+}
+
+/// Words to memory rows.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TextEncoderConfig<'a> {
+    /// Words to rows.
+    pub table: TextTable<'a>,
+    /// Its blocks.
+    pub transformer: TransformerConfig,
+}
+
+/// How words become rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum TextTable<'a> {
+    /// Words in id order, `\n` between; 0 is `<none>`, 1 is `<unknown>`. An embedding each.
+    Words(&'a str),
+}
+
+/// What says how long a motion is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum TextLength {
+    /// A linear layer of the pooled vector: logits of 1 token to the longest motion.
+    Head,
+}
+
+/// Texts that the blob brings along.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum PhraseBank<'a> {
+    /// Prompts encoded beforehand, by name: names, `\n` between; empty for none. Kinds to come add each phrase's text and the score from
+    /// which a request counts as it.
+    Prompts(&'a str),
+}
+
+impl<'a> TextConfig<'a> {
+    pub(super) fn read(from: &mut Reader<'a>) -> Option<Self> {
+        if from.kind("text", 2) == 0 {
+            return None;
+        }
+        Some(TextConfig {
+            width: from.short(),
+            max_words: from.short(),
+            encoder: TextEncoderConfig::read(from),
+            length: TextLength::read(from),
+            bank: PhraseBank::read(from),
+        })
+    }
+}
+
+impl<'a> TextEncoderConfig<'a> {
+    fn read(from: &mut Reader<'a>) -> Option<Self> {
+        if from.kind("text.encoder", 2) == 0 {
+            return None;
+        }
+        Some(TextEncoderConfig { table: TextTable::read(from), transformer: transformer(from) })
+    }
+}
+
+impl<'a> TextTable<'a> {
+    fn read(from: &mut Reader<'a>) -> Self {
+        from.kind("text.encoder.table", 1);
+        TextTable::Words(from.text())
+    }
+}
+
+impl TextLength {
+    fn read(from: &mut Reader<'_>) -> Self {
+        from.kind("text.length", 1);
+        TextLength::Head
+    }
+}
+
+impl<'a> PhraseBank<'a> {
+    fn read(from: &mut Reader<'a>) -> Self {
+        from.kind("text.bank", 1);
+        PhraseBank::Prompts(from.text())
+    }
+
+    /// Names of the stored prompts, `\n` between; empty for none.
+    #[must_use]
+    pub const fn names(&self) -> &'a str {
+        let PhraseBank::Prompts(names) = *self;
+        names
+    }
+}

@@ -1,0 +1,233 @@
+//! A checked model: every module resolved to views into the blob.
+//!
+//! [`Model::open`] reads the manifest, checks the values of each of its sections (a file each, named as the section), then resolves the
+//! modules, which check their tensors.
+
+mod codec;
+mod generator;
+mod representation;
+mod self_test;
+mod text;
+mod value;
+
+use crate::blob::{
+    ALIGNMENT, Card, Codec, Error, Generator, HEADER_LEN, Header, MAX_TENSORS, MINOR, Manifest, SelfTest, Skeleton,
+    Tensors,
+};
+use crate::conditioning::scaffold_encoder::Timing;
+use crate::decoding::codebook::Codebooks;
+use crate::decoding::decoder::Decoder;
+use crate::perception::Text;
+use crate::planning::session::Modules;
+use crate::planning::{Control, Planner};
+
+/// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
+pub const MAX_MAGNITUDE: f32 = 1e28;
+/// Embeddings may leave the range of the codes by this factor before a refinement step is rejected.
+pub const EMBEDDING_MARGIN: f32 = 8.0;
+/// Largest magnitude of the feature statistics.
+const MAX_STATISTIC: f32 = 1e3;
+/// Longest motion any blob may declare, tokens.
+pub const MAX_TOKENS: u16 = 256;
+
+/// An opened blob. Nothing about it can fail any more.
+#[derive(Debug, Clone)]
+pub struct Model<'a> {
+    bytes: &'a [u8],
+    card: Card<'a>,
+    frame_rate: u16,
+    skeleton: Skeleton<'a>,
+    max_tokens: u16,
+    self_test: SelfTest,
+    mean: &'a [f32],
+    std: &'a [f32],
+    codebooks: Codebooks<'a>,
+    decoder: Decoder<'a>,
+    text: Option<Text<'a>>,
+    planner: Option<Planner<'a>>,
+    control: Option<Control<'a>>,
+}
+
+impl<'a> Model<'a> {
+    /// Checks `bytes` (header, checksum, manifest, every tensor) in one pass and resolves the modules.
+    ///
+    /// `bytes` must begin on a 16-byte boundary; bytes behind the blob are ignored.
+    ///
+    /// # Errors
+    /// [`Error`], saying what is wrong and where.
+    // Its own frame: what opening needs of the stack is not to lie below everything that comes later.
+    #[inline(never)]
+    pub fn open(bytes: &'a [u8]) -> Result<Self, Error> {
+        let remainder = bytes.as_ptr().addr() % ALIGNMENT;
+        if remainder != 0 {
+            return Err(Error::Misaligned { remainder: remainder as u8 });
+        }
+        let header = Header::parse(bytes)?;
+        let bytes = bytes.get(..header.total_len as usize).ok_or(Error::Header)?;
+        let manifest = bytes.get(HEADER_LEN..HEADER_LEN + header.manifest_len as usize).ok_or(Error::Header)?;
+        let weights = bytes.get(header.weights_offset as usize..).ok_or(Error::Header)?;
+        let (manifest, table) = Manifest::read(manifest, header.minor)?;
+        let max_tokens = manifest.generator.max_tokens();
+        let Codec::Vq(config) = &manifest.codec;
+        check(&manifest)?;
+
+        let mut tensors = Tensors::new(table, weights, manifest.tensor_count).of_minor(header.minor);
+        let tensor = tensors.take()?;
+        let mean = tensor.singles(config.features)?;
+        refuse_beyond(mean, MAX_STATISTIC, tensor.index)?;
+        let tensor = tensors.take()?;
+        let std = tensor.scales(config.features)?;
+        refuse_beyond(std, MAX_STATISTIC, tensor.index)?;
+        let codebooks = Codebooks::open(&mut tensors, config)?;
+        let decoder = Decoder::open(&mut tensors, config, EMBEDDING_MARGIN * codebooks.largest())?;
+        let text = match &manifest.text {
+            None => None,
+            Some(config) => Some(Text::open(&mut tensors, config, max_tokens)?),
+        };
+        let (mut planner, mut control) = (None, None);
+        if let (Generator::Tmd(generator), Some(text)) = (&manifest.generator, &text) {
+            let opened = Planner::open(&mut tensors, generator, text, config.codes)?;
+            if let Some(anchors) = &generator.control {
+                let frames = config.frames_per_token() as u16;
+                let timing = Timing { rate: manifest.representation.frame_rate(), frames, tokens: max_tokens };
+                control = Some(Control::open(&mut tensors, anchors, timing, &opened, text)?);
+            } else {
+                opened.check(text, (0.0, 0.0))?;
+            }
+            planner = Some(opened);
+        }
+        // A newer minor version may carry more behind what this one knows.
+        if header.minor <= MINOR {
+            tensors.finish()?;
+        }
+        Ok(Model {
+            bytes,
+            card: manifest.card,
+            frame_rate: manifest.representation.frame_rate(),
+            skeleton: manifest.representation.skeleton(),
+            max_tokens,
+            self_test: manifest.self_test,
+            mean,
+            std,
+            codebooks,
+            decoder,
+            text,
+            planner,
+            control,
+        })
+    }
+
+    /// The blob.
+    #[must_use]
+    pub const fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// Name, licence and data of the weights.
+    #[must_use]
+    pub const fn card(&self) -> &Card<'a> {
+        &self.card
+    }
+
+    /// Frames a second.
+    #[must_use]
+    pub const fn frame_rate(&self) -> u16 {
+        self.frame_rate
+    }
+
+    /// The body that the model was trained on.
+    #[must_use]
+    pub const fn skeleton(&self) -> Skeleton<'a> {
+        self.skeleton
+    }
+
+    /// Longest motion, tokens.
+    #[must_use]
+    pub const fn max_tokens(&self) -> usize {
+        self.max_tokens as usize
+    }
+
+    /// Frames a token.
+    #[must_use]
+    pub fn frames_per_token(&self) -> usize {
+        self.decoder.upsampling()
+    }
+
+    /// The request with a known answer.
+    #[must_use]
+    pub const fn self_test(&self) -> SelfTest {
+        self.self_test
+    }
+
+    /// Mean of each feature channel.
+    #[must_use]
+    pub const fn mean(&self) -> &'a [f32] {
+        self.mean
+    }
+
+    /// Standard deviation of each feature channel.
+    #[must_use]
+    pub const fn std(&self) -> &'a [f32] {
+        self.std
+    }
+
+    /// Token embeddings.
+    #[must_use]
+    pub const fn codebooks(&self) -> &Codebooks<'a> {
+        &self.codebooks
+    }
+
+    /// Largest magnitude of an embedding that the decoder is guaranteed to keep finite.
+    #[must_use]
+    pub const fn embedding_limit(&self) -> f32 {
+        EMBEDDING_MARGIN * self.codebooks.largest()
+    }
+
+    /// Token decoder.
+    #[must_use]
+    pub const fn decoder(&self) -> &Decoder<'a> {
+        &self.decoder
+    }
+
+    /// Text encoder and stored prompts.
+    #[must_use]
+    pub const fn text(&self) -> Option<&Text<'a>> {
+        self.text.as_ref()
+    }
+
+    /// Planner.
+    #[must_use]
+    pub const fn planner(&self) -> Option<&Planner<'a>> {
+        self.planner.as_ref()
+    }
+
+    /// Anchor control of the planner.
+    #[must_use]
+    pub const fn control(&self) -> Option<&Control<'a>> {
+        self.control.as_ref()
+    }
+
+    /// What a planning session works with; `None` when the blob cannot make tokens.
+    #[must_use]
+    pub fn planning(&self) -> Option<Modules<'_, 'a>> {
+        let (text, planner) = (self.text.as_ref()?, self.planner.as_ref()?);
+        Some(Modules { text, planner, control: self.control(), codebooks: &self.codebooks })
+    }
+}
+
+/// Checks what the manifest says, section by section.
+fn check(manifest: &Manifest<'_>) -> Result<(), Error> {
+    value::at_most("tensor_count", u32::from(manifest.tensor_count), MAX_TENSORS as u32)?;
+    representation::check(&manifest.representation)?;
+    codec::check(&manifest.codec, &manifest.representation)?;
+    text::check(manifest.text.as_ref())?;
+    generator::check(&manifest.generator, &manifest.codec, manifest.text.is_some())?;
+    self_test::check(&manifest.self_test, &manifest.codec, &manifest.generator)
+}
+
+fn refuse_beyond(values: &[f32], limit: f32, index: u16) -> Result<(), Error> {
+    match values.iter().position(|v| !(v.abs() <= limit)) {
+        None => Ok(()),
+        Some(element) => Err(Error::TensorValue { index, element: u32::try_from(element).unwrap_or(u32::MAX) }),
+    }
+}
