@@ -5,17 +5,18 @@ mod robot;
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 use motionette_host::device::{Client, Error, Options, Transport};
 use motionette_link::frame::encode;
 use motionette_link::message::{
-    Anchor, Command, Event, Failure, Generate, Header, LossAction, REPLY_FRAME, Refusal, Reply, State, Target,
-    UpdateFault,
+    Anchor, Command, Event, Failure, Generate, Header, LossAction, Measure, REPLY_FRAME, Refusal, Reply, Start,
+    StartFault, State, Status, Strain, Target, UpdateFault,
 };
-use motionette_link::server::{Server, Silence};
+use motionette_link::server::{Port, Server, Silence};
 use motionette_link::update::Store;
-use robot::{BLOB, Line, OTHER, Random, Robot};
+use robot::{BLOB, Line, OTHER, Random, Raw, Robot};
 
 const SILENCE: Silence = Silence { after_ms: 60_000, action: LossAction::Finish };
 /// Time is simulated: only a bug makes anybody wait.
@@ -24,11 +25,18 @@ const OPTIONS: Options = Options {
     commit_wait: Duration::from_secs(100),
     attempts: 60,
     poll: Duration::from_secs(100),
+    take_over: false,
 };
+
+/// Sees and wants nothing.
+fn watch(_: &Status) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
 
 /// Both directions of a line and the device at its end. A read without bytes lets time pass.
 struct Wire {
     server: Server,
+    port: Port,
     robot: Robot,
     now: u64,
     to_host: VecDeque<u8>,
@@ -47,10 +55,11 @@ struct Wire {
 impl Wire {
     fn new(rarity: usize, seed: u64) -> Self {
         let robot = Robot::default();
-        let server = Server::new(Store::open(&robot.flash), SILENCE);
+        let mut server = Server::new(Store::open(&robot.flash), SILENCE);
+        let port = server.port();
         let (held, random) = ([None, None], Random::new(seed));
         let to_host = VecDeque::new();
-        Wire { server, robot, now: 0, to_host, held, random, rarity, faults: 0, reset_at: None, writes: 0 }
+        Wire { server, port, robot, now: 0, to_host, held, random, rarity, faults: 0, reset_at: None, writes: 0 }
     }
 
     /// What becomes of a piece of bytes on its way.
@@ -91,11 +100,12 @@ impl Write for &mut Wire {
         self.writes += 1;
         if self.reset_at == Some(self.writes) {
             self.server = Server::new(Store::open(&self.robot.flash), SILENCE);
+            self.port = self.server.port();
         }
         let count = bytes.len().min(60);
         let piece = self.suffer(&bytes[..count], 0);
         let mut line = Line::default();
-        self.server.receive(self.now, &piece, &mut self.robot, &mut line);
+        self.server.receive(&mut self.port, self.now, &piece, &mut self.robot, &mut line);
         self.tell_host(&line.0);
         Ok(count)
     }
@@ -141,11 +151,17 @@ fn a_whole_session_on_a_good_line() {
     let (mut client, hello) = Client::connect(&mut wire, OPTIONS).unwrap();
     assert_eq!((hello.preset.as_str(), hello.blob), ("table-top", None));
     let mut stages = Vec::new();
-    let made = client.generate(&request(false), &mut |status| stages.extend(status.device.work)).unwrap();
+    let made = client.generate(&request(false), &mut |status| {
+        stages.extend(status.device.work);
+        ControlFlow::Continue(())
+    });
+    let made = made.unwrap();
     assert_eq!((made.frames, made.control_error), (3, Some(0.25)));
+    assert_eq!(made.understood.map(|it| (it.phrase.to_string(), it.score)), Some(("person bows".into(), 0.5)));
+    assert_eq!(made.strain, Some(Strain { measure: Measure::DISTANCE, value: 0.75, anchor: 2 }));
     assert!(!stages.is_empty() && stages.iter().all(|work| work.job == 2), "{stages:?}");
     client.tell(&Command::Play).unwrap();
-    assert_eq!(client.wait_for_rest(&mut |_| {}).unwrap(), State::Holding);
+    assert_eq!(client.wait_for_motion(&mut watch).unwrap(), State::Holding);
     assert_eq!(client.self_test().unwrap(), Some(true));
     let mut arrived = Vec::new();
     let (blob, sent) = client.update(&hello, BLOB, &mut |next| arrived.push(next)).unwrap();
@@ -153,6 +169,7 @@ fn a_whole_session_on_a_good_line() {
     assert!(arrived.is_sorted() && arrived.last() == Some(&blob.length));
     assert_eq!(client.repeated(), 0);
 
+    client.close();
     let (mut client, hello) = Client::connect(&mut wire, OPTIONS).unwrap();
     assert_eq!(client.update(&hello, BLOB, &mut |_| panic!("nothing to send")).unwrap(), (blob, false));
     let limit = hello.limits.blob_bytes;
@@ -170,22 +187,28 @@ fn a_whole_session_on_a_good_line() {
 fn a_whole_session_on_bad_lines() {
     let (mut faults, mut repeated) = (0, 0);
     for seed in 0..150 {
+        let mut late = 0;
         let mut wire = Wire::new([30, 8, 4][seed as usize % 3], seed);
         let (mut client, hello) = Client::connect(&mut wire, OPTIONS).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
         for step in 0..2 {
-            let made = client.generate(&request(true), &mut |_| {}).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+            let made = client.generate(&request(true), &mut watch).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
             assert_eq!(made.frames, 3, "seed {seed}");
-            assert_eq!(client.wait_for_rest(&mut |_| {}).unwrap(), State::Holding, "seed {seed}");
+            assert_eq!(client.wait_for_motion(&mut watch).unwrap(), State::Holding, "seed {seed}");
             let blob = [BLOB, OTHER][step];
             let (active, _) = client.update(&hello, blob, &mut |_| {}).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
             assert_eq!(active.sequence as usize, step + 1, "seed {seed}");
             client.tell(&Command::Stop).unwrap();
             client.tell(&Command::Neutral).unwrap();
-            assert_eq!(client.wait_for_rest(&mut |_| {}).unwrap(), State::Neutral, "seed {seed}");
+            while client.wait_for_rest(&mut watch).unwrap() != State::Neutral {
+                // A repetition of the stop was held up on the line: a stop that comes late is still a stop.
+                late += 1;
+                client.tell(&Command::Neutral).unwrap();
+            }
         }
         repeated += client.repeated();
         faults += wire.faults;
-        assert_eq!(wire.robot.calls, ["start", "stop", "neutral", "start", "stop", "neutral"], "seed {seed}");
+        let count = |what| wire.robot.calls.iter().filter(|&&call| call == what).count();
+        assert_eq!(["start", "stop", "neutral"].map(count), [2, 2 + late, 2 + late], "seed {seed}");
         assert_eq!(wire.robot.activations, 2, "seed {seed}");
         assert_eq!(Store::open(&wire.robot.flash).bytes(&wire.robot.flash), Some(OTHER), "seed {seed}");
     }
@@ -203,6 +226,56 @@ fn a_stop_needs_no_session() {
     assert_eq!(wire.robot.condition.state, State::Stopped);
 }
 
+/// One host has the robot; others look, and wait or insist.
+#[test]
+fn another_host_waits_or_takes_over() {
+    let mut wire = Wire::new(0, 1);
+    let (mut client, _) = Client::connect(&mut wire, OPTIONS).unwrap();
+    client.tell(&Command::Generate(request(true))).unwrap();
+    match Client::connect(&mut wire, OPTIONS).err() {
+        Some(error @ Error::Refused(Refusal::Occupied { free_in_ms: Some(1..=60_000) })) => {
+            assert!(error.to_string().contains("60 s"), "{error}");
+            assert!(error.hint().unwrap().contains("--take-over"));
+        }
+        other => panic!("{other:?}"),
+    }
+    assert!(Client::new(&mut wire, OPTIONS).status().unwrap().device.work.is_some());
+    let insists = Options { take_over: true, ..OPTIONS };
+    let (mut client, _) = Client::connect(&mut wire, insists).unwrap();
+    client.close();
+    Client::connect(&mut wire, OPTIONS).unwrap();
+}
+
+#[test]
+fn who_waits_is_told_when_there_is_nothing_to_wait_for() {
+    let mut wire = Wire::new(0, 1);
+    let (mut client, _) = Client::connect(&mut wire, OPTIONS).unwrap();
+    client.tell(&Command::Stop).unwrap();
+    // Refused before it is made.
+    let refused = client.generate(&request(true), &mut watch);
+    assert!(matches!(refused, Err(Error::Refused(Refusal::Stopped))), "{refused:?}");
+    client.generate(&request(false), &mut watch).unwrap();
+    assert!(matches!(client.wait_for_motion(&mut watch), Err(Error::Stopped)));
+    client.tell(&Command::Neutral).unwrap();
+    client.wait_for_rest(&mut watch).unwrap();
+    // Ready, and nobody has asked for it to be played.
+    client.generate(&request(false), &mut watch).unwrap();
+    assert!(matches!(client.wait_for_motion(&mut watch), Err(Error::NotBegun)));
+    let interrupted = client.wait_for_motion(&mut |_| ControlFlow::Break(()));
+    assert!(matches!(interrupted, Err(Error::Interrupted)));
+
+    // A start that does not go on by itself.
+    let mut wire = Wire::new(0, 1);
+    let start = Start::Refused { channel: 4, why: StartFault::OutOfRange { decidegrees: -123 } };
+    wire.robot.condition.start = start;
+    let (mut client, _) = Client::connect(&mut wire, OPTIONS).unwrap();
+    let error = client.generate(&request(true), &mut watch).unwrap_err();
+    assert!(error.to_string().contains("channel 4") && error.to_string().contains("-12.3 degrees"), "{error}");
+    assert!(error.hint().unwrap().contains("robot.toml"));
+    client.generate(&request(false), &mut watch).unwrap();
+    assert!(matches!(client.wait_for_motion(&mut watch), Err(Error::Refused(Refusal::NotReady(why))) if why == start));
+}
+
 #[test]
 fn refusals_and_failures_are_what_the_device_says() {
     let mut wire = Wire::new(0, 1);
@@ -212,7 +285,7 @@ fn refusals_and_failures_are_what_the_device_says() {
     client.tell(&Command::Generate(request(false))).unwrap();
     client.tell(&Command::Stop).unwrap();
     let failed = Event::Failed { job: 3, why: Failure::Aborted };
-    assert_eq!(client.event(OPTIONS.wait).unwrap(), Some(failed));
+    assert_eq!(client.event(OPTIONS.wait).unwrap(), Some(failed.clone()));
     assert_eq!(client.status().unwrap().outcome, Some(failed));
     assert!(matches!(client.tell(&Command::Play), Err(Error::Refused(Refusal::Stopped))));
 
@@ -221,7 +294,7 @@ fn refusals_and_failures_are_what_the_device_says() {
     // A hello is one write, a request of generation is two: the first status comes fourth.
     wire.reset_at = Some(4);
     let (mut client, _) = Client::connect(&mut wire, OPTIONS).unwrap();
-    assert!(matches!(client.generate(&request(false), &mut |_| {}), Err(Error::Refused(Refusal::Session))));
+    assert!(matches!(client.generate(&request(false), &mut watch), Err(Error::Refused(Refusal::Session))));
 }
 
 /// A line that says what it was told to say.
@@ -241,7 +314,7 @@ impl Write for Canned {
         // The header of a reply is that of its request.
         if let Some((header, _)) = request_in(bytes) {
             let mut buffer = [0; REPLY_FRAME];
-            let header = Header { version: 0x82, ..header };
+            let header = Header { version: 0x83, ..header };
             if !self.0.is_empty() {
                 self.0.extend(encode(&(header, Reply::Accepted), &mut buffer).unwrap());
             }
@@ -260,6 +333,54 @@ impl Transport for Canned {
     }
 }
 
+/// A device of version 1: whatever it is sent, it says in its own words that it is of that version.
+struct Older(VecDeque<u8>);
+
+impl Read for Older {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.0.read(buffer)
+    }
+}
+
+impl Write for Older {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let (header, _) = request_in(bytes).expect("one whole request");
+        // Version 1 with the device's bit, session, id; Refused, Version, 1.
+        let mut message = vec![0x81];
+        for mut number in [header.session, header.id] {
+            while number >= 0x80 {
+                message.push(number as u8 | 0x80);
+                number >>= 7;
+            }
+            message.push(number as u8);
+        }
+        message.extend([2, 0, 1]);
+        let mut buffer = [0; REPLY_FRAME];
+        self.0.extend(encode(&Raw(&message), &mut buffer).unwrap());
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Transport for Older {
+    fn set_timeout(&mut self, _: Duration) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn an_older_device_is_the_one_to_be_updated() {
+    match Client::connect(Older(VecDeque::new()), OPTIONS).err() {
+        Some(error @ Error::Version { device: 1 }) => {
+            assert!(error.to_string().contains("version 1") && error.to_string().contains("firmware"), "{error}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
 fn request_in(mut bytes: &[u8]) -> Option<(Header, Vec<u8>)> {
     let mut receiver = motionette_link::frame::Receiver::<1024>::new();
     let message = receiver.next(&mut bytes)?.ok()?;
@@ -271,9 +392,14 @@ fn request_in(mut bytes: &[u8]) -> Option<(Header, Vec<u8>)> {
 fn nobody_there_another_version_and_a_broken_line() {
     let nobody = Client::connect(Canned(VecDeque::new(), ErrorKind::WouldBlock), Options { attempts: 3, ..OPTIONS });
     assert!(matches!(nobody, Err(Error::Silent { attempts: 3, before: false, .. })));
-    // Noise comes before the answer of a device of version 2.
+    // Noise comes before the answer of a device of version 3.
     let newer = Client::connect(Canned([7, 7].into(), ErrorKind::TimedOut), OPTIONS);
-    assert!(matches!(newer, Err(Error::Version { device: 2 })), "{:?}", newer.err());
+    match newer.err() {
+        Some(error @ Error::Version { device: 3 }) => {
+            assert!(error.to_string().contains("update these tools"), "{error}")
+        }
+        other => panic!("{other:?}"),
+    }
     for kind in [ErrorKind::BrokenPipe, ErrorKind::UnexpectedEof] {
         let broken = Client::connect(Canned(VecDeque::new(), kind), OPTIONS);
         match broken.err() {

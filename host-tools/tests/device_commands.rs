@@ -13,7 +13,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use motionette_link::message::LossAction;
-use motionette_link::server::{Server, Silence};
+use motionette_link::message::{Start, State};
+use motionette_link::server::{Port, Server, Silence};
 use motionette_link::update::Store;
 use robot::{Line, Robot};
 use serde_json::Value;
@@ -74,8 +75,9 @@ impl Served {
         thread::spawn(move || {
             let store = Store::open(&for_thread.lock().unwrap().flash);
             let mut server = Server::new(store, Silence { after_ms: 1000, action: LossAction::Hold });
+            let mut port = server.port();
             let begin = Instant::now();
-            serve(&mut |line: &mut S| converse(line, &mut server, &for_thread, begin, &ended), &ended);
+            serve(&mut |line: &mut S| converse(line, (&mut server, &mut port), &for_thread, begin, &ended), &ended);
         });
         Served { robot, end, port }
     }
@@ -100,7 +102,7 @@ impl Served {
 /// Bytes to and from the server until the line closes.
 fn converse(
     line: &mut (impl Read + Write),
-    server: &mut Server,
+    (server, port): (&mut Server, &mut Port),
     robot: &Mutex<Robot>,
     begin: Instant,
     end: &AtomicBool,
@@ -117,7 +119,7 @@ fn converse(
         let mut out = Line::default();
         let now = begin.elapsed().as_millis() as u64;
         let mut robot = robot.lock().unwrap();
-        server.receive(now, &buffer[..count], &mut *robot, &mut out);
+        server.receive(port, now, &buffer[..count], &mut *robot, &mut out);
         while ticks < now / 20 {
             ticks += 1;
             robot.advance();
@@ -159,6 +161,7 @@ fn a_session(served: &Served) {
     let text = ["generate", "--text", "a person bows", "--seconds", "2.5", "--seed", "7"];
     let made = served.succeeds(&[&text[..], &["--anchors", anchors]].concat());
     assert_eq!((&made["frames"], &made["anchors"], &made["control_error_m"]), (&3.into(), &1.into(), &0.25.into()));
+    assert_eq!((&made["understood"]["phrase"], &made["strain"]["anchor"]), (&"person bows".into(), &2.into()));
     let status = served.succeeds(&["status"]);
     assert_eq!((&status["state"], &status["outcome"]["event"]), (&"holding".into(), &"ready".into()));
     assert_eq!(served.succeeds(&["play"])["state"], "holding");
@@ -193,6 +196,73 @@ fn everything_over_a_serial_port() {
     a_session(&Served::on_serial());
 }
 
+/// A host that has said hello and is gone without a word.
+fn forgetful_host(served: &Served) {
+    let mut line = std::net::TcpStream::connect(served.port.strip_prefix("tcp:").unwrap()).unwrap();
+    // Version 2, session 0x1234, id 1; Hello, no taking over.
+    line.write_all(&[0x00, 0x05, 0x02, 0xB4, 0x24, 0x01, 0x01, 0x05, 0x22, 0xFC, 0xDF, 0x37, 0x00]).unwrap();
+    assert!(line.read(&mut [0; 300]).unwrap() > 0);
+}
+
+#[test]
+fn another_host_is_waited_for_or_taken_over() {
+    let served = Served::on_tcp();
+    forgetful_host(&served);
+    served.fails(&["hello"], &["another host has the robot, for 1 s more", "hint: ", "--take-over"]);
+    assert_eq!(served.succeeds(&["status"])["state"], "holding");
+    served.succeeds(&["stop"]);
+    assert_eq!(served.robot.lock().unwrap().calls, ["stop"]);
+    assert_eq!(served.succeeds(&["--take-over", "hello"])["preset"], "table-top");
+    // Who leaves says so.
+    served.succeeds(&["hello"]);
+    forgetful_host(&served);
+    thread::sleep(Duration::from_millis(1200));
+    served.succeeds(&["hello"]);
+}
+
+#[test]
+fn a_motion_that_cannot_be_played_is_an_error() {
+    let served = Served::on_tcp();
+    served.succeeds(&["stop"]);
+    let play = ["generate", "--text", "a person bows", "--play"];
+    served.fails(&play, &["was stopped", "hint: ", "motionette device neutral"]);
+    served.succeeds(&["neutral"]);
+    served.robot.lock().unwrap().condition.start = Start::Waiting;
+    served.fails(&play, &["waits for its release", "hint: ", "motionette device release"]);
+    assert_eq!(served.succeeds(&["status"])["start"]["state"], "waiting");
+    assert_eq!(served.robot.lock().unwrap().calls, ["stop", "neutral"]);
+    served.robot.lock().unwrap().condition.start = Start::Ready;
+    served.fails(&["release"], &["does not wait for a release"]);
+    let made = served.succeeds(&play);
+    assert_eq!((&made["played"]["state"], &made["seed"]), (&"holding".into(), &1.into()));
+}
+
+/// Ctrl-C, a polite kill and a terminal that is closed: the robot holds before the program ends.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_host_holds_the_robot() {
+    for signal in ["-INT", "-TERM", "-HUP"] {
+        let served = Served::on_tcp();
+        served.robot.lock().unwrap().frames = 10_000;
+        let arguments = ["device", "--port", &served.port, "--json", "generate", "--text", "a person bows", "--play"];
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motionette"));
+        command.args(arguments).stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+        let child = command.spawn().unwrap();
+        let begun = Instant::now();
+        while served.robot.lock().unwrap().condition.state != State::Playing {
+            assert!(begun.elapsed() < Duration::from_secs(20), "it does not play");
+            thread::sleep(Duration::from_millis(5));
+        }
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        let output = child.wait_with_output().unwrap();
+        check_failure(&output, &["the robot holds", "interrupted", "motionette device resume"]);
+        let robot = served.robot.lock().unwrap();
+        assert_eq!((robot.condition.state, robot.held), (State::Holding, true));
+        // It was told: the silence after which the device holds by itself has not passed.
+        assert_eq!(robot.calls, ["start", "hold"]);
+    }
+}
+
 #[test]
 fn what_makes_no_sense_never_reaches_the_device() {
     let served = Served::on_tcp();
@@ -220,7 +290,11 @@ fn ports_that_are_not_there() {
     // A port that was free a moment ago.
     let port = format!("tcp:{}", TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap());
     check_failure(&run(&port), &[&port, "hint: ", "simulator"]);
-    check_failure(&run("tcp:127.0.0.1"), &["tcp:127.0.0.1", "hint: "]);
+    check_failure(&run("tcp:127.0.0.1"), &["tcp:127.0.0.1", "hint: ", "tcp:HOST:PORT"]);
+    // A name that no server is asked about: its label is longer than any may be.
+    let unknown = run(&format!("tcp:{}.invalid:7878", "x".repeat(64)));
+    check_failure(&unknown, &["cannot find the host", "hint: ", "address"]);
+    assert!(!String::from_utf8_lossy(&unknown.stderr).contains("another program"));
     // Somebody listens and says nothing.
     let mute = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = format!("tcp:{}", mute.local_addr().unwrap());

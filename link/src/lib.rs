@@ -32,6 +32,6 @@ pub mod thread;
 pub mod update;
 
 pub use message::{Command, Event, Generate, Refusal, Reply};
-pub use server::{Device, Server, Sink};
+pub use server::{Device, Port, Server, Sink};
 pub use station::{Preset, Station, Task, Vitals};
 pub use update::{Storage, Store};

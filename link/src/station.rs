@@ -16,7 +16,9 @@ use motionette::playback::{self, Control};
 use motionette::refining::Config;
 use motionette::{Model, ROWS};
 
-use crate::message::{Condition, Event, Failure, Generate, Length, ModelInfo, Name, Refusal, Stage, State, Work, name};
+use crate::message::{
+    Condition, Event, Failure, Generate, Length, ModelInfo, Name, Refinement, Refusal, Stage, Start, State, Work, name,
+};
 use crate::server::{Description, Device, Job};
 use crate::update::{Slot, Storage, Store};
 
@@ -82,6 +84,9 @@ impl Preset {
         if request.steps == 0 {
             request.steps = self.steps;
         }
+        if request.refinement == Refinement::DEVICE {
+            request.refinement = Refinement::FAST;
+        }
         if request.evaluations == 0 {
             request.evaluations = self.evaluations;
         }
@@ -144,6 +149,8 @@ pub struct Station<'a, S> {
     ordered: Option<Ordered>,
     queued: u16,
     finished: u32,
+    /// What was last said of the start.
+    start: Start,
     /// What has happened and not been sent.
     events: Deque<Event, EVENTS>,
 }
@@ -178,6 +185,7 @@ impl<'a, S> Station<'a, S> {
             ordered: None,
             queued: 0,
             finished: control.status().finished,
+            start: control.start().into(),
             events: Deque::new(),
         }
     }
@@ -285,6 +293,17 @@ impl<'a, S> Station<'a, S> {
         self.ordered = Some(Ordered { state, ticks: self.control.status().ticks });
     }
 
+    /// Whether a motion may begin, as far as stop and start are concerned.
+    fn may_play(&self) -> Result<(), Refusal> {
+        if self.stopped {
+            return Err(Refusal::Stopped);
+        }
+        match self.control.start().into() {
+            Start::Reading | Start::Creeping | Start::Ready => Ok(()),
+            start @ (Start::Waiting | Start::Refused { .. }) => Err(Refusal::NotReady(start)),
+        }
+    }
+
     /// What the body does, or will do as soon as the player hears of it.
     fn state(&self) -> State {
         let status = self.control.status();
@@ -324,6 +343,9 @@ impl<S: Storage> Device for Station<'_, S> {
         if self.model.is_none() {
             return Err(Refusal::NoModel);
         }
+        if matches!(work, Job::Generate(request) if request.play_when_ready) {
+            self.may_play()?;
+        }
         self.vitals.abort.store(false, Ordering::Release);
         if !self.playing {
             self.ready = None;
@@ -340,9 +362,7 @@ impl<S: Storage> Device for Station<'_, S> {
     }
 
     fn play(&mut self) -> Result<(), Refusal> {
-        if self.stopped {
-            return Err(Refusal::Stopped);
-        }
+        self.may_play()?;
         if self.ready.is_none() {
             return Err(Refusal::NothingToPlay);
         }
@@ -400,11 +420,27 @@ impl<S: Storage> Device for Station<'_, S> {
         Ok(())
     }
 
+    fn release(&mut self) -> Result<(), Refusal> {
+        if self.stopped {
+            return Err(Refusal::Stopped);
+        }
+        if self.control.start() != playback::Start::Waiting {
+            return Err(Refusal::NotWaiting);
+        }
+        self.control.release();
+        Ok(())
+    }
+
     fn event(&mut self) -> Option<Event> {
         let finished = self.control.status().finished;
         if finished != self.finished {
             self.finished = finished;
             return Some(Event::Finished);
+        }
+        let start = Start::from(self.control.start());
+        if !start.is_as(self.start) {
+            self.start = start;
+            return Some(Event::Start(start));
         }
         self.events.pop_front()
     }

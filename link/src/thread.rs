@@ -4,7 +4,7 @@ use core::ops::ControlFlow;
 use motionette::playback::{Feeder, Full, When};
 use motionette::{Error, Generator, Model, Observer, Progress, Stop};
 
-use crate::message::{Event, Failure, Stage};
+use crate::message::{Event, Failure, Stage, Strain, Understood};
 use crate::station::{Station, Task};
 
 /// Where the thread finds its station.
@@ -104,7 +104,13 @@ pub fn run<D: Desk, const C: usize>(
                         let frames = motion.frames();
                         let control_error = motion.refinement.and_then(|report| report.after).map(|after| after.mean);
                         desk.note(Note::Made { frames: frames.len() });
-                        let event = Event::Ready { job, frames: frames.len() as u16, control_error };
+                        let event = Event::Ready {
+                            job,
+                            frames: frames.len() as u16,
+                            control_error,
+                            understood: Understood::of(model, &request.text),
+                            strain: Strain::of(&motion),
+                        };
                         desk.with(|station| station.done(event));
                         // The motion lies in the arena until the next one is made.
                         next = loop {

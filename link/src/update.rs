@@ -17,7 +17,7 @@ use heapless::Vec;
 use motionette::Model;
 use motionette::blob::{ALIGNMENT, crc32};
 
-use crate::message::{Blob, FlashFault, Transfer, UpdateFault};
+use crate::message::{Blob, FlashFault, RefusedBlob, Transfer, UpdateFault};
 
 /// Bytes that are written at a time; the flash's write size must divide it.
 pub const PAGE: usize = 256;
@@ -165,6 +165,11 @@ impl SlotHeader {
         (header.emit() == *bytes).then_some(header)
     }
 
+    /// The blob that it speaks of, in figures.
+    const fn blob(&self, slot: Slot) -> Blob {
+        Blob { slot: slot.index(), sequence: self.sequence, length: self.length, crc32: self.crc32 }
+    }
+
     fn newer_than(&self, other: &Self) -> bool {
         self.sequence.wrapping_sub(other.sequence).cast_signed() > 0
     }
@@ -245,12 +250,14 @@ fn base<S: Storage>(storage: &S, slot: Slot) -> u32 {
 #[derive(Debug, Default)]
 pub struct Store {
     active: Option<(Slot, SlotHeader)>,
+    /// A newer one that is not used.
+    refused: Option<(Slot, SlotHeader, UpdateFault)>,
     incoming: Option<Incoming>,
 }
 
 impl Store {
     /// A store without a blob, for devices that have none.
-    pub const EMPTY: Self = Store { active: None, incoming: None };
+    pub const EMPTY: Self = Store { active: None, refused: None, incoming: None };
 
     /// Looks for the newest slot that holds a whole blob which the runtime takes. Reads both blobs at worst.
     #[must_use]
@@ -259,8 +266,18 @@ impl Store {
         let (a, b) = (header(Slot::A), header(Slot::B));
         let b_first = matches!((&a, &b), (Some((_, a)), Some((_, b))) if b.newer_than(a));
         let candidates = if b_first { [b, a] } else { [a, b] };
-        let active = candidates.into_iter().flatten().find(|(slot, header)| verified(storage, *slot, header).is_ok());
-        Store { active, incoming: None }
+        let mut store = Store::EMPTY;
+        for (slot, header) in candidates.into_iter().flatten() {
+            match verified(storage, slot, &header) {
+                Ok(_) => {
+                    store.active = Some((slot, header));
+                    break;
+                }
+                // The newest counts.
+                Err(why) => store.refused = store.refused.or(Some((slot, header, why))),
+            }
+        }
+        store
     }
 
     /// The active slot.
@@ -272,8 +289,13 @@ impl Store {
     /// The active blob in figures.
     #[must_use]
     pub fn active(&self) -> Option<Blob> {
-        let (slot, SlotHeader { sequence, length, crc32 }) = self.active?;
-        Some(Blob { slot: slot.index(), sequence, length, crc32 })
+        self.active.map(|(slot, header)| header.blob(slot))
+    }
+
+    /// The blob of the newest slot if it is not the active one, and why it is not.
+    #[must_use]
+    pub fn refused(&self) -> Option<RefusedBlob> {
+        self.refused.map(|(slot, header, why)| RefusedBlob { blob: header.blob(slot), why })
     }
 
     /// Where the active blob lies, and its bytes.
@@ -302,7 +324,7 @@ impl Store {
     }
 
     /// Begins the transfer of a blob into the slot that is not active, whose header is erased. One that was under way is
-    /// given up.
+    /// given up. When no slot is active, a blob that is refused stays, for the firmware that can use it.
     ///
     /// # Errors
     /// [`UpdateFault::Length`], [`UpdateFault::Layout`] or [`UpdateFault::Flash`].
@@ -322,9 +344,12 @@ impl Store {
         if length == 0 || length > limit {
             return Err(UpdateFault::Length { length, limit });
         }
-        let slot = self.slot().map_or(Slot::A, Slot::other);
+        let refused = self.refused.map(|(slot, ..)| slot);
+        let slot = self.slot().or(refused).map_or(Slot::A, Slot::other);
         let start = base(storage, slot);
         storage.flash().erase(start, start + sector).map_err(flash_fault::<S>)?;
+        // It may have been the one that is gone now.
+        self.refused = self.refused.filter(|(refused, ..)| *refused != slot);
         self.incoming = Some(Incoming { slot, length, crc32, next: 0, written: 0, erased: 0, page: Vec::new() });
         Ok(())
     }
@@ -366,7 +391,9 @@ impl Store {
             return Err(UpdateFault::Incomplete { next, length });
         }
         incoming.write_page(storage)?;
-        let sequence = self.active.map_or(1, |(_, header)| header.sequence.wrapping_add(1));
+        // Newer than the one that is refused, too: it is the newest from now on.
+        let before = self.refused.map(|(_, header, _)| header).or(self.active.map(|(_, header)| header));
+        let sequence = before.map_or(1, |header| header.sequence.wrapping_add(1));
         let header = SlotHeader { sequence, length, crc32 };
         verified(storage, slot, &header)?;
 
@@ -379,8 +406,8 @@ impl Store {
         if SlotHeader::parse(storage.mapped(slot)) != Some(header) {
             return Err(UpdateFault::Flash(FlashFault::ReadBack));
         }
-        self.active = Some((slot, header));
-        Ok(Blob { slot: slot.index(), sequence, length, crc32 })
+        (self.active, self.refused) = (Some((slot, header)), None);
+        Ok(header.blob(slot))
     }
 
     /// Gives the transfer up.

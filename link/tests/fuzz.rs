@@ -9,7 +9,8 @@ use common::{BLOB, Line, OTHER, Random, Raw, Robot, crc};
 use motionette::Model;
 use motionette_link::frame::encode;
 use motionette_link::message::{
-    Anchor, Command, Event, Generate, Header, Length, LossAction, REQUEST_BYTES, REQUEST_FRAME, Reply, Target,
+    Anchor, Command, Event, Generate, Header, Length, LossAction, REQUEST_BYTES, REQUEST_FRAME, Refinement, Refusal,
+    Reply, State, Target,
 };
 use motionette_link::server::{Server, Silence};
 use motionette_link::update::Store;
@@ -31,13 +32,21 @@ fn generate(random: &mut Random) -> Command {
         .collect();
     let length = if random.once_in(2) { Length::Predicted } else { Length::Frames(random.bits() as u16) };
     let play_when_ready = random.once_in(2);
-    Command::Generate(Generate { length, seed: random.bits(), anchors, play_when_ready, ..Generate::new(text) })
+    let refinement = Refinement(random.below(5) as u8);
+    Command::Generate(Generate {
+        length,
+        refinement,
+        seed: random.bits(),
+        anchors,
+        play_when_ready,
+        ..Generate::new(text)
+    })
 }
 
 /// A command, most likely one that gets somewhere: `next` is where the transfer of `blob` stands.
 fn command(random: &mut Random, blob: &[u8], next: usize) -> Command {
-    match random.below(24) {
-        0 => Command::Hello,
+    match random.below(26) {
+        0 => Command::Hello { take_over: random.once_in(2) },
         1..=3 => generate(random),
         4 => Command::Play,
         5 => Command::Stop,
@@ -56,10 +65,60 @@ fn command(random: &mut Random, blob: &[u8], next: usize) -> Command {
             Command::BlobChunk { offset: random.below(20_000) as u32, bytes: bytes.into_iter().collect() }
         }
         17 => Command::KeepAlive,
+        18 => Command::Release,
+        19 if random.once_in(4) => Command::Close,
         _ => {
             let from = next.min(blob.len());
             let count = (1 + random.below(240)).min(blob.len() - from);
             Command::BlobChunk { offset: from as u32, bytes: blob[from..][..count].iter().copied().collect() }
+        }
+    }
+}
+
+/// What the rules say of sessions and silence, told by nothing but what was sent and when.
+#[derive(Default)]
+struct Rules {
+    /// The session and whether it is open.
+    session: Option<(u32, bool)>,
+    /// Id of its last request.
+    last: u32,
+    /// When its host was last heard.
+    heard: u64,
+}
+
+impl Rules {
+    /// Whether what was sent may be answered so; `message` is as it arrived, `silence` milliseconds, 0: never.
+    fn allow(&mut self, message: &[u8], reply: &Reply, now: u64, silence: u64) -> bool {
+        let Ok((Header { version: 2, session, id }, body)) = postcard::take_from_bytes::<Header>(message) else {
+            return matches!(reply, Reply::Refused(Refusal::Version { supported: 2 }));
+        };
+        let Ok((command, [])) = postcard::take_from_bytes::<Command>(body) else {
+            return matches!(reply, Reply::Refused(Refusal::Malformed));
+        };
+        let ours = self.session.is_some_and(|(number, _)| number == session);
+        let open = self.session.is_some_and(|(_, open)| open);
+        let order = id.wrapping_sub(self.last).cast_signed();
+        let (hello, stop) = (matches!(command, Command::Hello { .. }), command == Command::Stop);
+        if ours && order == 0 {
+            self.heard = if open { now } else { self.heard };
+            return true;
+        }
+        if (ours && order > 0 && (open || hello)) || (!ours && matches!(reply, Reply::Hello(_))) {
+            let silent = silence > 0 && now - self.heard >= silence;
+            let free = ours || !open || silent || command == Command::Hello { take_over: true };
+            (self.session, self.last, self.heard) = (Some((session, command != Command::Close)), id, now);
+            return free && hello == matches!(reply, Reply::Hello(_));
+        }
+        match reply {
+            Reply::Accepted => stop || command == Command::Close,
+            Reply::Status(_) => command == Command::Status,
+            Reply::Refused(Refusal::Stale { .. }) => ours && order < 0 && !stop,
+            Reply::Refused(Refusal::Session) => !stop && !hello && command != Command::Status,
+            Reply::Refused(Refusal::Occupied { free_in_ms }) => {
+                let left = (silence > 0).then(|| silence.saturating_sub(now - self.heard) as u32);
+                !ours && open && command == Command::Hello { take_over: false } && *free_in_ms == left
+            }
+            _ => false,
         }
     }
 }
@@ -80,11 +139,13 @@ fn run(seed: u64, tally: &mut Tally) {
     let silence = if random.once_in(4) { Silence { after_ms: 0, action } } else { Silence { after_ms: 400, action } };
     let mut robot = Robot::default();
     let mut server = Server::new(Store::open(&robot.flash), silence);
+    let mut port = server.port();
     let (mut now, mut session, mut id) = (0u64, 9, 0u32);
     let blob = if random.once_in(2) { BLOB } else { OTHER };
     // A transfer in one go now and then, so that commits happen.
     let mut script: Vec<Command> = Vec::new();
     let mut active = server.store().active();
+    let mut rules = Rules::default();
     for _ in 0..400 {
         let next = server.store().transfer().map_or(0, |t| t.next as usize);
         if script.is_empty() && random.once_in(60) {
@@ -94,7 +155,7 @@ fn run(seed: u64, tally: &mut Tally) {
                 chunks.map(|(i, c)| Command::BlobChunk { offset: 240 * i as u32, bytes: c.iter().copied().collect() }),
             );
             let begin = Command::BlobBegin { length: blob.len() as u32, crc32: crc(blob) };
-            script.extend([begin, Command::Stop, Command::Hello]);
+            script.extend([begin, Command::Stop, Command::Hello { take_over: true }]);
             session = random.bits() as u32;
         }
         let rare = if script.is_empty() { 1 } else { 40 };
@@ -124,18 +185,30 @@ fn run(seed: u64, tally: &mut Tally) {
         // ... and above it.
         if random.once_in(8 * rare) {
             mutate(&mut frame, &mut random);
+            // What is left of it ends here, so that every answer is one to this message.
+            frame.push(0);
         }
         let mut line = Line::default();
         let mut rest = &frame[..];
         while !rest.is_empty() {
             let (part, behind) = rest.split_at(1 + random.below(rest.len()));
-            server.receive(now, part, &mut robot, &mut line);
+            server.receive(&mut port, now, part, &mut robot, &mut line);
             rest = behind;
+        }
+        for (header, reply) in replies(&line.0) {
+            let after = u64::from(silence.after_ms);
+            assert!(rules.allow(&message, &reply, now, after), "seed {seed}: {header:?} {reply:?}");
         }
         if random.once_in(3) {
             now += random.below(300) as u64;
             robot.advance();
             server.poll(now, &mut robot, &mut line);
+            let silent =
+                rules.session.is_some() && silence.after_ms > 0 && now - rules.heard >= silence.after_ms.into();
+            let plays = robot.condition.state == State::Playing;
+            assert!(!(silent && plays && action == LossAction::Hold), "seed {seed}: plays without its host");
+            let lost = replies(&line.0).iter().any(|(_, reply)| matches!(reply, Reply::Event(Event::HostLost(_))));
+            assert!(silent || !lost, "seed {seed}: its host is not lost");
         }
 
         for (_, reply) in replies(&line.0) {
@@ -161,7 +234,7 @@ fn run(seed: u64, tally: &mut Tally) {
     // What is in flash says the same as what is in memory.
     assert_eq!(Store::open(&robot.flash).active(), active, "seed {seed}");
     tally.jobs += robot.jobs.len();
-    tally.skipped += server.skipped().total() as usize;
+    tally.skipped += port.skipped().total() as usize;
 }
 
 fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
@@ -197,10 +270,11 @@ fn every_request_once_and_in_order() {
         let mut random = Random::new(seed);
         let mut robot = Robot::default();
         let mut server = Server::new(Store::open(&robot.flash), SILENCE);
+        let mut port = server.port();
         let mut line = Line::default();
         let mut buffer = [0; REQUEST_FRAME];
-        let hello = encode(&(Header::new(4, 1), Command::Hello), &mut buffer).unwrap();
-        server.receive(0, hello, &mut robot, &mut line);
+        let hello = encode(&(Header::new(4, 1), Command::Hello { take_over: false }), &mut buffer).unwrap();
+        server.receive(&mut port, 0, hello, &mut robot, &mut line);
         let mut window: Vec<Vec<u8>> = Vec::new();
         for id in 2..200 {
             let command = if random.once_in(2) { Command::SelfTest } else { generate(&mut random) };
@@ -210,7 +284,7 @@ fn every_request_once_and_in_order() {
             }
             while window.len() > 3 {
                 let chosen = random.below(window.len());
-                server.receive(0, &window.swap_remove(chosen), &mut robot, &mut line);
+                server.receive(&mut port, 0, &window.swap_remove(chosen), &mut robot, &mut line);
                 robot.advance();
             }
         }

@@ -3,15 +3,17 @@
 mod common;
 
 use common::{Random, Raw};
+use motionette::refining::Config;
 use motionette_link::frame::{Faults, Receiver, encode, frame_bytes};
 use motionette_link::message::{
     ANCHORS, Anchor, Blob, BlobFault, CHUNK_BYTES, Command, Condition, Event, Failure, FlashFault, Generate, Header,
-    Hello, Length, Limits, LossAction, ModelInfo, NAME_BYTES, REPLY_BYTES, REPLY_FRAME, REQUEST_BYTES, REQUEST_FRAME,
-    Refusal, Reply, Stage, State, Status, TEXT_BYTES, Target, Transfer, UpdateFault, Work, name,
+    Hello, Length, Limits, LossAction, Measure, ModelInfo, NAME_BYTES, Owner, PHRASE_BYTES, REPLY_BYTES, REPLY_FRAME,
+    REQUEST_BYTES, REQUEST_FRAME, Refinement, Refusal, RefusedBlob, Reply, Stage, Start, StartFault, State, Status,
+    Strain, TEXT_BYTES, Target, Transfer, Understood, UpdateFault, Work, name,
 };
 use serde::{Serialize, de::DeserializeOwned};
 
-const HEADER: Header = Header { version: 1, session: u32::MAX, id: u32::MAX };
+const HEADER: Header = Header { version: 2, session: u32::MAX, id: u32::MAX };
 
 fn round_trip<T: Serialize + DeserializeOwned + PartialEq + core::fmt::Debug>(message: &T, limit: usize) {
     let mut buffer = [0; REQUEST_FRAME];
@@ -33,6 +35,7 @@ fn largest_request() -> Generate {
         seed: u64::MAX,
         steps: u16::MAX,
         guidance: 1.5,
+        refinement: Refinement(u8::MAX),
         evaluations: u16::MAX,
         anchors: [anchor; ANCHORS].into_iter().collect(),
         play_when_ready: true,
@@ -42,7 +45,7 @@ fn largest_request() -> Generate {
 #[test]
 fn every_command_there_and_back() {
     let commands = [
-        Command::Hello,
+        Command::Hello { take_over: true },
         Command::Generate(largest_request()),
         Command::Generate(Generate::new("a person bows".try_into().unwrap())),
         Command::Play,
@@ -57,6 +60,8 @@ fn every_command_there_and_back() {
         Command::BlobCommit,
         Command::BlobAbort,
         Command::KeepAlive,
+        Command::Release,
+        Command::Close,
     ];
     for (index, command) in commands.iter().enumerate() {
         round_trip(command, REQUEST_FRAME);
@@ -71,12 +76,15 @@ fn every_reply_there_and_back() {
     let full = name(&"é".repeat(NAME_BYTES));
     assert_eq!(full.len(), NAME_BYTES);
     let blob = Blob { slot: 1, sequence: u32::MAX, length: u32::MAX, crc32: u32::MAX };
-    let events = [
-        Event::Ready { job: u32::MAX, frames: u16::MAX, control_error: Some(0.5) },
-        Event::Finished,
-        Event::SelfTest { job: 3, passed: None },
-        Event::HostLost(LossAction::Abort),
-    ];
+    let ready = Event::Ready {
+        job: u32::MAX,
+        frames: u16::MAX,
+        control_error: Some(0.5),
+        understood: Some(Understood { phrase: core::iter::repeat_n('x', PHRASE_BYTES).collect(), score: 0.5 }),
+        strain: Some(Strain { measure: Measure(u8::MAX), value: 1.5, anchor: u16::MAX }),
+    };
+    let events =
+        [ready.clone(), Event::Finished, Event::SelfTest { job: 3, passed: None }, Event::HostLost(LossAction::Abort)];
     let failures = [
         Failure::Memory { needed: u32::MAX, available: u32::MAX },
         Failure::FloatingPoint,
@@ -106,8 +114,11 @@ fn every_reply_there_and_back() {
         UpdateFault::Flash(FlashFault::ReadBack),
         UpdateFault::Layout,
     ];
+    let refused = Some(RefusedBlob { blob, why: updates[3] });
     let faults = Faults { encoding: u32::MAX, too_long: u32::MAX, checksum: u32::MAX, unfit: u32::MAX };
+    let out_of_range = StartFault::OutOfRange { decidegrees: i16::MIN };
     let device = Condition {
+        start: Start::Refused { channel: u8::MAX, why: out_of_range },
         state: State::Stopped,
         work: Some(Work { job: u32::MAX, stage: Stage::Testing, step: u16::MAX, steps: u16::MAX }),
         frames_queued: u16::MAX,
@@ -118,8 +129,10 @@ fn every_reply_there_and_back() {
         bus_faults: u32::MAX,
     };
     let status = Status {
+        owner: Owner::Nobody,
         device,
-        outcome: Some(Event::Failed { job: u32::MAX, why: failures[10] }),
+        outcome: Some(ready),
+        refused,
         transfer: Some(Transfer { next: u32::MAX, length: u32::MAX }),
         host_lost: Some(LossAction::Hold),
         skipped: faults,
@@ -130,6 +143,7 @@ fn every_reply_there_and_back() {
         preset: full.clone(),
         model: Some(ModelInfo { name: full, frame_rate: u16::MAX, frames: u16::MAX }),
         blob: Some(blob),
+        refused,
         limits: Limits {
             text_bytes: u16::MAX,
             anchors: u8::MAX,
@@ -153,6 +167,14 @@ fn every_reply_there_and_back() {
         Refusal::NoModel,
         Refusal::NoStorage,
     ];
+    let later = [
+        Refusal::Occupied { free_in_ms: Some(u32::MAX) },
+        Refusal::NotReady(Start::Refused { channel: 0, why: StartFault::Silent }),
+        Refusal::NotWaiting,
+        Refusal::Refinement { found: u8::MAX },
+        Refusal::Unusable(updates[4]),
+    ];
+    let starts = [Start::Reading, Start::Waiting, Start::Creeping, Start::Ready];
     let mut replies = vec![
         Reply::Hello(hello),
         Reply::Accepted,
@@ -162,11 +184,13 @@ fn every_reply_there_and_back() {
     ];
     let failed = failures.map(|why| Event::Failed { job: u32::MAX, why });
     replies.extend(events.into_iter().chain(failed).map(Reply::Event));
-    replies.extend(refusals.into_iter().chain(updates.map(Refusal::Update)).map(Reply::Refused));
+    let refusals = refusals.into_iter().chain(updates.map(Refusal::Update)).chain(later).collect::<Vec<_>>();
+    replies.extend(refusals.iter().copied().map(Reply::Refused));
+    replies.extend(starts.map(|start| Reply::Refused(Refusal::NotReady(start))));
     for reply in &replies {
         round_trip(reply, REPLY_FRAME);
     }
-    for words in failures.map(|e| e.to_string()).into_iter().chain(refusals.map(|e| e.to_string())) {
+    for words in failures.iter().map(ToString::to_string).chain(refusals.iter().map(ToString::to_string)) {
         assert!(!words.is_empty());
     }
 }
@@ -182,13 +206,13 @@ fn bytes_of_a_request_and_its_reply() {
     let whole = [
         0x00, // delimiter
         0x11, // COBS: no zero in the next 16 bytes
-        0x01, // version
+        0x02, // version
         0xB4, 0x24, // session 0x1234
         0x02, // id
         0x09, // BlobBegin
         0xE8, 0x07, // length 1000
         0x8D, 0xE0, 0xFB, 0xD7, 0x0C, // crc32 0xCAFEF00D
-        0x17, 0x79, 0x30, 0xB4, // CRC-32 of the twelve bytes above, as zlib has it
+        0xE7, 0xAB, 0xAE, 0xC3, // CRC-32 of the twelve bytes above, as zlib has it
         0x00, // delimiter
     ];
     assert_eq!(frame, whole);
@@ -199,13 +223,65 @@ fn bytes_of_a_request_and_its_reply() {
     let whole = [
         0x00, // delimiter
         0x06, // COBS: the next zero stands 6 bytes on
-        0x81, 0xB4, 0x24, 0x02, // version with the device's bit, session, id
+        0x82, 0xB4, 0x24, 0x02, // version with the device's bit, session, id
         0x04, // Chunk
         0x05, // next 0: a zero of the message; the next one stands 5 bytes on
-        0x09, 0xE1, 0xD1, 0xC9, // CRC-32
+        0xA7, 0x93, 0x45, 0x4F, // CRC-32
         0x00, // delimiter
     ];
     assert_eq!(frame, whole);
+}
+
+/// Fields stand in the order of PROTOCOL.md, and every number is the variant that stands there.
+#[test]
+fn bytes_of_what_protocol_2_brought() {
+    fn bytes(message: &impl Serialize) -> Vec<u8> {
+        postcard::to_slice(message, &mut [0; REQUEST_BYTES]).unwrap().to_vec()
+    }
+    assert_eq!(bytes(&Command::Hello { take_over: true }), [0, 1]);
+    assert_eq!(bytes(&Command::Release), [14]);
+    assert_eq!(bytes(&Command::Close), [15]);
+    let request =
+        Generate { refinement: Refinement::PUBLISHED, evaluations: 7, ..Generate::new("hi".try_into().unwrap()) };
+    #[rustfmt::skip]
+    let expected = [
+        1, // Generate
+        2, b'h', b'i',
+        1, // length: predicted
+        0, 10, // seed, steps
+        0, 0, 0, 0x40, // guidance 2
+        3, // refinement
+        7, // evaluations
+        0, // anchors
+        0, // play_when_ready
+    ];
+    assert_eq!(bytes(&Command::Generate(request)), expected);
+    let ready = Event::Ready {
+        job: 300,
+        frames: 40,
+        control_error: Some(0.5),
+        understood: Some(Understood { phrase: "bows".try_into().unwrap(), score: 0.25 }),
+        strain: Some(Strain { measure: Measure::DISTANCE, value: 1.0, anchor: 31 }),
+    };
+    #[rustfmt::skip]
+    let expected = [
+        6, 0, // Event, Ready
+        0xAC, 0x02, 40, // job 300, frames
+        1, 0, 0, 0, 0x3F, // control_error 0.5
+        1, 4, b'b', b'o', b'w', b's', 0, 0, 0x80, 0x3E, // understood, score 0.25
+        1, 0, 0, 0, 0x80, 0x3F, 31, // strain: distance, 1 m, anchor
+    ];
+    assert_eq!(bytes(&Reply::Event(ready)), expected);
+    assert_eq!(bytes(&Reply::Event(Event::Start(Start::Creeping))), [6, 5, 2]);
+    let refused = |refusal| bytes(&Reply::Refused(refusal));
+    assert_eq!(refused(Refusal::Occupied { free_in_ms: Some(500) }), [2, 13, 1, 0xF4, 0x03]);
+    let why = StartFault::OutOfRange { decidegrees: -3 };
+    // Signed numbers are zigzag: -3 is 5.
+    assert_eq!(refused(Refusal::NotReady(Start::Refused { channel: 9, why })), [2, 14, 4, 9, 1, 5]);
+    assert_eq!(refused(Refusal::NotWaiting), [2, 15]);
+    assert_eq!(refused(Refusal::Refinement { found: 200 }), [2, 16, 200]);
+    let version = UpdateFault::Model(BlobFault::Version { found: 3, supported: 4 });
+    assert_eq!(refused(Refusal::Unusable(version)), [2, 17, 4, 3, 3, 4]);
 }
 
 #[test]
@@ -223,6 +299,14 @@ fn anchors_keep_their_meaning() {
     assert_eq!((made.anchors.len(), made.planning.steps, made.planning.seed), (ANCHORS, u16::MAX, u64::MAX));
     assert_eq!(made.planning.length, motionette::Length::Frames(u16::MAX));
     assert_eq!(made.refinement.map(|r| r.evaluations), Some(u16::MAX));
+    request.refinement = Refinement::NONE;
+    let made = request.request(&anchors);
+    assert_eq!((made.anchors.len(), made.refinement), (ANCHORS, None));
+    request.refinement = Refinement::PUBLISHED;
+    let published = Config { evaluations: u16::MAX, ..Config::published(1) };
+    assert_eq!(request.request(&anchors).refinement, Some(published));
+    request.refinement = Refinement::DEVICE;
+    assert_eq!(request.request(&anchors).refinement, Some(Config::fast(u16::MAX)));
     request.anchors.clear();
     assert!(request.request(&[]).refinement.is_none());
 }

@@ -2,14 +2,14 @@
 
 mod common;
 
-use common::host::{Host, SILENCE, replies};
-use common::{BLOB, OTHER, crc};
+use common::host::{HELLO, Host, SILENCE, replies};
+use common::{BLOB, OTHER, crc, ready};
 use motionette_link::frame::{Faults, encode};
 use motionette_link::message::{
-    Anchor, BlobFault, Command, Event, Failure, Generate, Header, LossAction, PROTOCOL, REPLY_FRAME, REQUEST_FRAME,
-    Refusal, Reply, Stage, State, Target, Transfer, UpdateFault,
+    Anchor, BlobFault, Command, Event, Failure, Generate, Header, LossAction, Owner, PROTOCOL, REPLY_FRAME,
+    REQUEST_FRAME, Refinement, Refusal, Reply, Stage, Start, StartFault, State, Target, Transfer, UpdateFault,
 };
-use motionette_link::server::{Server, Silence, Sink};
+use motionette_link::server::{Port, Server, Silence, Sink};
 use motionette_link::update::Store;
 
 const HOLD: Silence = Silence { after_ms: 500, action: LossAction::Hold };
@@ -23,7 +23,7 @@ fn generate(play_when_ready: bool) -> Command {
 #[test]
 fn from_text_to_a_finished_motion() {
     let mut host = Host::new(SILENCE);
-    let Reply::Hello(hello) = host.ask(&Command::Hello) else { panic!() };
+    let Reply::Hello(hello) = host.ask(&HELLO) else { panic!() };
     assert_eq!((hello.version.as_str(), hello.preset.as_str()), (env!("CARGO_PKG_VERSION"), "table-top"));
     assert_eq!((hello.limits.silence_ms, hello.limits.blob_bytes, hello.blob), (500, 15 * 1024, None));
     assert_eq!(host.refused(&Command::Play), Refusal::NothingToPlay);
@@ -35,10 +35,9 @@ fn from_text_to_a_finished_motion() {
     assert_eq!(host.wait(100), []);
     let work = host.status().device.work.unwrap();
     assert_eq!((work.job, work.stage, work.step, work.steps), (job, Stage::Planning, 2, 2));
-    let ready = Event::Ready { job, frames: 3, control_error: Some(0.25) };
-    assert_eq!(host.wait(50), [ready]);
+    assert_eq!(host.wait(50), [ready(job, true)]);
     let status = host.status();
-    assert_eq!((status.outcome, status.device.work, status.device.frames_queued), (Some(ready), None, 3));
+    assert_eq!((status.outcome, status.device.work, status.device.frames_queued), (Some(ready(job, true)), None, 3));
 
     host.accepted(&Command::Play);
     host.wait(50);
@@ -93,7 +92,9 @@ fn stop_works_always() {
     // Without a session, and in another one's.
     let mut host = Host::new(SILENCE);
     host.accepted(&Command::Stop);
-    host.ask(&Command::Hello);
+    host.ask(&HELLO);
+    host.accepted(&Command::Neutral);
+    host.wait(50);
     host.accepted(&generate(true));
     let job = host.id;
     assert_eq!(host.as_numbered(Header::new(5, 1), &Command::Stop), Reply::Accepted);
@@ -115,6 +116,28 @@ fn stop_works_always() {
     assert_eq!(host.as_numbered(header, &Command::Stop), Reply::Refused(Refusal::Version { supported: PROTOCOL }));
 }
 
+/// What hosts of version 1 sent and understand, byte for byte: the refusal that names the version they are to speak.
+#[test]
+fn version_1_is_told_which_version_this_is() {
+    let mut host = Host::greeted(SILENCE);
+    // Hello, Stop and a blob's beginning of session 0x1234.
+    let sent: [&[u8]; 3] = [
+        &[0x00, 0x05, 0x01, 0xB4, 0x24, 0x01, 0x05, 0x1D, 0xD8, 0x0D, 0x4F, 0x00],
+        &[0x00, 0x0A, 0x01, 0xB4, 0x24, 0x02, 0x03, 0x64, 0xDA, 0x29, 0xFD, 0x00],
+        &[
+            0x00, 0x11, 0x01, 0xB4, 0x24, 0x02, 0x09, 0xE8, 0x07, 0x8D, 0xE0, 0xFB, 0xD7, 0x0C, 0x17, 0x79, 0x30, 0xB4,
+            0x00,
+        ],
+    ];
+    // Version 2 with the device's bit, session, id; Refused, Version, 2.
+    let first = [0x00, 0x06, 0x82, 0xB4, 0x24, 0x01, 0x02, 0x06, 0x02, 0x25, 0x2E, 0xC9, 0x62, 0x00];
+    let later = [0x00, 0x06, 0x82, 0xB4, 0x24, 0x02, 0x02, 0x06, 0x02, 0xCB, 0x81, 0x7C, 0x70, 0x00];
+    for (bytes, reply) in sent.into_iter().zip([first, later, later]) {
+        assert_eq!(host.send(bytes), reply);
+    }
+    assert_eq!(host.robot.calls, [""; 0]);
+}
+
 /// On a line with an echo the device hears itself: it neither obeys nor answers.
 #[test]
 fn an_echo_is_no_request() {
@@ -132,26 +155,202 @@ fn an_echo_is_no_request() {
 #[test]
 fn sessions_do_not_mix() {
     let mut host = Host::new(SILENCE);
-    assert_eq!(host.refused(&Command::Status), Refusal::Session);
-    host.ask(&Command::Hello);
+    assert_eq!(host.refused(&Command::KeepAlive), Refusal::Session);
+    host.ask(&HELLO);
     host.status();
     // The same numbers in a new session are new requests.
     (host.session, host.id) = (78, 0);
     assert_eq!(host.refused(&Command::KeepAlive), Refusal::Session);
-    assert!(matches!(host.ask(&Command::Hello), Reply::Hello(_)));
+    assert!(matches!(host.ask(&Command::Hello { take_over: true }), Reply::Hello(_)));
     host.status();
     assert_eq!(host.as_numbered(Header::new(77, 9), &Command::Play), Reply::Refused(Refusal::Session));
     // Ids go round.
+    host.accepted(&Command::Close);
     host.id = u32::MAX - 1;
     host.session = 79;
     for _ in 0..4 {
-        host.ask(&Command::Hello);
+        host.ask(&HELLO);
     }
     assert_eq!(host.id, 2);
     assert_eq!(
         host.as_numbered(Header::new(79, u32::MAX), &Command::Status),
         Reply::Refused(Refusal::Stale { last: 2 })
     );
+}
+
+/// Another host gets the robot when the first closes its session, falls silent or hangs up, or when it insists; not before.
+#[test]
+fn one_host_at_a_time() {
+    let mut host = Host::greeted(SILENCE);
+    let mut port = host.server.port();
+    let refused = |free_in_ms| Reply::Refused(Refusal::Occupied { free_in_ms });
+    host.wait(150);
+    assert_eq!(host.another(&mut port, Header::new(5, 1), &HELLO), refused(Some(350)));
+    // The first has noticed nothing, and what it says begins the time anew.
+    host.accepted(&Command::KeepAlive);
+    assert_eq!(host.another(&mut port, Header::new(5, 2), &HELLO), refused(Some(500)));
+    assert!(host.server.is_owner(&host.port) && !host.server.is_owner(&port));
+    host.wait(450);
+    assert_eq!(host.another(&mut port, Header::new(5, 3), &HELLO), refused(Some(50)));
+    host.wait(50);
+    assert!(matches!(host.another(&mut port, Header::new(5, 4), &HELLO), Reply::Hello(_)));
+    assert!(host.server.is_owner(&port) && !host.server.is_owner(&host.port));
+    assert_eq!(host.refused(&Command::Play), Refusal::Session);
+
+    // The first takes it back, and closes.
+    assert_eq!(host.ask(&HELLO), refused(Some(500)));
+    assert!(matches!(host.ask(&Command::Hello { take_over: true }), Reply::Hello(_)));
+    assert_eq!(host.another(&mut port, Header::new(5, 5), &Command::KeepAlive), Reply::Refused(Refusal::Session));
+    host.accepted(&Command::Close);
+    // The reply was lost; and a request that was on its way does nothing.
+    assert_eq!(host.repeat(&Command::Close), Reply::Accepted);
+    assert_eq!(host.refused(&Command::Neutral), Refusal::Session);
+    assert_eq!(host.another(&mut port, Header::new(5, 6), &Command::Close), Reply::Accepted, "not its own: nothing");
+    assert!(matches!(host.another(&mut port, Header::new(6, 1), &HELLO), Reply::Hello(_)));
+
+    // The cable of the first is of no account, the second's is.
+    host.server.hang_up(&host.port);
+    (host.session, host.id) = (80, 0);
+    assert_eq!(host.ask(&HELLO), refused(Some(500)));
+    host.server.hang_up(&port);
+    assert!(matches!(host.ask(&HELLO), Reply::Hello(_)));
+    assert_eq!(host.robot.calls, [""; 0]);
+}
+
+/// A device that does not watch for silence waits for a host that is gone, unless its successor insists.
+#[test]
+fn without_a_watch_only_closing_frees_the_robot() {
+    let mut host = Host::greeted(Silence { after_ms: 0, action: LossAction::Hold });
+    let mut port = host.server.port();
+    host.wait(100_000);
+    let refused = Reply::Refused(Refusal::Occupied { free_in_ms: None });
+    assert_eq!(host.another(&mut port, Header::new(5, 1), &HELLO), refused);
+    let reply = host.another(&mut port, Header::new(5, 2), &Command::Hello { take_over: true });
+    assert!(matches!(reply, Reply::Hello(_)));
+}
+
+/// Anybody may look and stop; who looks takes nothing away from the session's host.
+#[test]
+fn every_host_may_ask_how_it_stands() {
+    let mut host = Host::new(HOLD);
+    assert_eq!(host.status().owner, Owner::Nobody);
+    host.ask(&HELLO);
+    assert_eq!(host.status().owner, Owner::You);
+    host.accepted(&generate(false));
+    host.wait(150);
+    host.robot.condition.frames_queued = 1000;
+    host.accepted(&Command::Play);
+    assert_eq!(host.wait(500), [Event::HostLost(LossAction::Hold)]);
+    let mut port = host.server.port();
+    host.another(&mut port, Header::new(5, 1), &Command::KeepAlive);
+    for id in 2..4 {
+        let Reply::Status(status) = host.another(&mut port, Header::new(5, id), &Command::Status) else { panic!() };
+        assert_eq!((status.device.state, status.host_lost), (State::Holding, Some(LossAction::Hold)));
+        assert_eq!(status.owner, Owner::Another);
+    }
+    assert_eq!(host.status().host_lost, Some(LossAction::Hold));
+    let Reply::Status(status) = host.another(&mut port, Header::new(5, 9), &Command::Status) else { panic!() };
+    assert_eq!(status.host_lost, None);
+}
+
+/// Only what the session's host says to this device is a sign of its life.
+#[test]
+fn refused_traffic_does_not_keep_a_silent_host_alive() {
+    let mut buffer = [0; REQUEST_FRAME];
+    let (ours, other) = (Header::new(77, 90), Header::new(5, 1));
+    let mut frame = |header: Header, body: &[u8]| encode(&(header, common::Raw(body)), &mut buffer).unwrap().to_vec();
+    // By their numbers: 13 is KeepAlive, 7 Status, 3 Stop, 0 Hello, 15 Close.
+    let traffic = [
+        ("another version", frame(Header { version: PROTOCOL + 1, ..ours }, &[13])),
+        ("an older version", frame(Header { version: 1, ..ours }, &[13])),
+        ("another session", frame(other, &[13])),
+        ("a status of another session", frame(other, &[7])),
+        ("a hello of another session", frame(other, &[0, 0])),
+        ("a closing of another session", frame(other, &[15])),
+        ("no request", frame(ours, &[200])),
+        ("bytes behind a request", frame(ours, &[13, 0])),
+        ("an old number", frame(Header::new(77, 1), &[13])),
+        ("an echo", frame(Header { version: PROTOCOL | 0x80, ..ours }, &[13])),
+    ];
+    for (what, bytes) in traffic {
+        let mut host = Host::greeted(HOLD);
+        host.accepted(&generate(false));
+        host.wait(150);
+        host.robot.condition.frames_queued = 1000;
+        host.accepted(&Command::Play);
+        for _ in 0..9 {
+            assert_eq!(host.wait(50), [], "{what}");
+            host.send(&bytes);
+        }
+        assert_eq!(host.wait(50), [Event::HostLost(LossAction::Hold)], "{what}");
+        assert_eq!(host.robot.condition.state, State::Holding, "{what}");
+        // The host itself is heard.
+        host.accepted(&Command::Resume);
+        assert_eq!(host.wait(450), [], "{what}");
+    }
+}
+
+/// A session that ends while something moves leaves a robot without a host: it does what it does without one.
+#[test]
+fn a_closed_session_is_a_lost_host() {
+    for hang_up in [false, true] {
+        let mut host = Host::greeted(HOLD);
+        host.accepted(&generate(false));
+        host.wait(150);
+        host.robot.condition.frames_queued = 1000;
+        host.accepted(&Command::Play);
+        if hang_up {
+            host.server.hang_up(&host.port);
+        } else {
+            host.accepted(&Command::Close);
+        }
+        assert_eq!(host.wait(450), []);
+        assert_eq!(host.robot.condition.state, State::Playing);
+        assert_eq!(host.wait(50), [Event::HostLost(LossAction::Hold)]);
+        assert_eq!(host.robot.condition.state, State::Holding);
+    }
+    // A transfer has nobody who could end it.
+    let mut host = Host::greeted(HOLD);
+    host.ask(&Command::BlobBegin { length: 500, crc32: 0 });
+    host.accepted(&Command::Close);
+    assert_eq!(host.server.store().transfer(), None);
+}
+
+/// What would be made in vain is not made, and the reason is said.
+#[test]
+fn a_motion_that_cannot_be_played_is_refused_before_it_is_made() {
+    let mut host = Host::greeted(SILENCE);
+    host.accepted(&Command::Stop);
+    assert_eq!(host.refused(&generate(true)), Refusal::Stopped);
+    host.accepted(&generate(false));
+    host.wait(150);
+    host.accepted(&Command::Neutral);
+    host.wait(50);
+    let silent = Start::Refused { channel: 3, why: StartFault::Silent };
+    for start in [Start::Waiting, silent] {
+        host.robot.condition.start = start;
+        assert_eq!(host.status().device.start, start);
+        assert_eq!(host.refused(&generate(true)), Refusal::NotReady(start));
+        assert_eq!(host.refused(&Command::Play), Refusal::NotReady(start));
+    }
+    assert_eq!(host.refused(&Command::Release), Refusal::NotWaiting);
+    host.robot.condition.start = Start::Waiting;
+    host.accepted(&Command::Release);
+    // It moves now.
+    assert_eq!(host.refused(&Command::BlobBegin { length: 500, crc32: 0 }), Refusal::Moving);
+    host.accepted(&generate(true));
+    assert_eq!(host.robot.calls, ["stop", "start", "neutral", "release", "start"]);
+}
+
+#[test]
+fn a_refinement_method_that_is_not_known_is_refused_as_such() {
+    let mut host = Host::greeted(SILENCE);
+    for found in [4, 127, 128, 255] {
+        let request = Generate::new("a person bows".try_into().unwrap());
+        let request = Generate { refinement: Refinement(found), ..request };
+        assert_eq!(host.refused(&Command::Generate(request)), Refusal::Refinement { found });
+    }
+    assert_eq!(host.robot.calls, [""; 0]);
 }
 
 #[test]
@@ -186,8 +385,7 @@ fn a_lost_host_and_a_device_that_finishes() {
     host.accepted(&generate(true));
     host.robot.condition.work.as_mut().unwrap().steps = 12;
     let job = host.id;
-    let ready = Event::Ready { job, frames: 3, control_error: Some(0.25) };
-    assert_eq!(host.wait(1500), [Event::HostLost(LossAction::Finish), ready, Event::Finished]);
+    assert_eq!(host.wait(1500), [Event::HostLost(LossAction::Finish), ready(job, true), Event::Finished]);
     let status = host.status();
     assert_eq!((status.host_lost, status.device.state), (Some(LossAction::Finish), State::Holding));
     assert_eq!(host.status().host_lost, None, "said once");
@@ -242,7 +440,7 @@ fn a_full_line_loses_nothing_that_matters() {
     host.id += 1;
     let command = generate(false);
     let frame = encode(&(Header::new(host.session, host.id), &command), &mut buffer).unwrap();
-    host.server.receive(host.now, frame, &mut host.robot, &mut Full);
+    host.server.receive(&mut host.port, host.now, frame, &mut host.robot, &mut Full);
     assert_eq!(host.repeat(&command), Reply::Accepted);
     for _ in 0..5 {
         host.robot.advance();
@@ -312,6 +510,34 @@ fn a_blob_over_the_link() {
     assert_eq!((host.robot.activations, host.server.store().active()), (2, Some(blob)));
 }
 
+/// After an update of the firmware: the blob in flash is whole, and of a format that this firmware does not read.
+#[test]
+fn a_blob_of_another_format_is_named_and_not_taken_for_none() {
+    let mut host = Host::new(SILENCE);
+    let mut old = BLOB.to_vec();
+    let (found, supported) = (u16::from(old[4]) - 1, u16::from(old[4]));
+    old[4] -= 1;
+    host.robot.flash = common::flash_with(&[&old]);
+    host.server = Server::new(Store::open(&host.robot.flash), SILENCE);
+    host.robot.model = false;
+    let why = UpdateFault::Model(BlobFault::Version { found, supported });
+    let Reply::Hello(hello) = host.ask(&HELLO) else { panic!() };
+    let refused = hello.refused.unwrap();
+    assert_eq!((hello.blob, hello.model, refused.why), (None, None, why));
+    assert_eq!((refused.blob.slot, refused.blob.length, refused.blob.crc32), (0, old.len() as u32, crc(&old)));
+    assert_eq!(host.status().refused, hello.refused);
+    assert_eq!(host.refused(&generate(false)), Refusal::Unusable(why));
+    assert_eq!(host.refused(&Command::SelfTest), Refusal::Unusable(why));
+
+    // The right one goes to the other slot, and is the newest.
+    host.transfer(BLOB);
+    let Reply::Committed(blob) = host.ask(&Command::BlobCommit) else { panic!() };
+    assert_eq!((blob.slot, blob.sequence), (1, 2));
+    assert_eq!(host.status().refused, None);
+    let store = Store::open(&host.robot.flash);
+    assert_eq!((store.active(), store.refused()), (Some(blob), None));
+}
+
 #[test]
 fn no_flash_while_something_moves_and_no_movement_while_flash_is_written() {
     let mut host = Host::greeted(SILENCE);
@@ -332,7 +558,7 @@ fn no_flash_while_something_moves_and_no_movement_while_flash_is_written() {
     assert_eq!((status.host_lost, status.transfer), (Some(LossAction::Abort), None));
     host.ask(&begin);
     (host.session, host.id) = (host.session + 1, 0);
-    host.ask(&Command::Hello);
+    host.ask(&Command::Hello { take_over: true });
     assert_eq!(host.status().transfer, None);
 }
 
@@ -342,5 +568,6 @@ fn sizes_are_those_of_the_documentation() {
     for (what, bytes) in [("REQUEST_FRAME", REQUEST_FRAME), ("REPLY_FRAME", REPLY_FRAME)] {
         assert!(text.contains(&format!("{bytes} bytes")), "{what} is {bytes} bytes");
     }
-    assert!(text.contains(&format!("{} bytes on a", size_of::<Server>())), "a server is {}", size_of::<Server>());
+    let sizes = format!("{} and {} bytes on a", size_of::<Server>(), size_of::<Port>());
+    assert!(text.contains(&sizes), "server and port are {sizes} 64-bit machine");
 }

@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::{BLOB, Flash, OTHER, crc};
-use motionette_link::message::{FlashFault, UpdateFault};
+use common::{BLOB, Flash, OTHER, crc, flash_with as flash_of};
+use motionette_link::message::{BlobFault, FlashFault, UpdateFault};
 use motionette_link::update::{Layout, Slot, Storage, Store};
 
 /// The whole way of a blob, to the first failure.
@@ -118,6 +118,42 @@ fn flash_that_does_not_keep_what_it_is_given_is_found_out() {
     flash.damage(flash.layout().offsets[1] as usize + 1024 + 700);
     assert!(matches!(store.commit(&mut flash), Err(UpdateFault::Checksum { .. })));
     assert_eq!((store.transfer(), Store::open(&flash).bytes(&flash)), (None, Some(BLOB)));
+}
+
+/// A blob that is whole but of another format, `offset` versions away.
+fn of_format(blob: &[u8], offset: i8) -> (Vec<u8>, UpdateFault) {
+    let mut other = blob.to_vec();
+    other[4] = other[4].wrapping_add_signed(offset);
+    let (found, supported) = (u16::from(other[4]), u16::from(blob[4]));
+    (other, UpdateFault::Model(BlobFault::Version { found, supported }))
+}
+
+/// What an older or a newer firmware has left is reported, and stays as long as there is another place.
+#[test]
+fn blobs_that_this_firmware_does_not_read() {
+    let (older, why) = of_format(BLOB, -1);
+    let (newer, why_newer) = of_format(OTHER, 1);
+    // Both slots: the newest is reported, the other one overwritten.
+    for (blobs, slot, why) in [([&older[..], &newer], 1, why_newer), ([&newer, &older], 1, why)] {
+        let mut flash = flash_of(&blobs);
+        let mut store = Store::open(&flash);
+        let refused = store.refused().unwrap();
+        assert_eq!((store.active(), refused.why, refused.blob.slot, refused.blob.sequence), (None, why, slot, 2));
+        update(&mut store, &mut flash, OTHER, 240).unwrap();
+        let active = store.active().unwrap();
+        assert_eq!((active.slot, active.sequence, store.refused()), (0, 3, None));
+        assert_eq!(Store::open(&flash).active(), Some(active));
+        assert_eq!(flash.mapped(Slot::B)[1024..][..blobs[1].len()], *blobs[1]);
+    }
+    // An older one that can be used is used; the newer one makes way.
+    let mut flash = flash_of(&[OTHER, &older]);
+    let mut store = Store::open(&flash);
+    assert_eq!((store.bytes(&flash), store.refused().map(|r| r.why)), (Some(OTHER), Some(why)));
+    store.begin(&mut flash, 100, 0).unwrap();
+    assert_eq!((store.refused(), store.bytes(&flash)), (None, Some(OTHER)));
+    // A newer one that can be used leaves nothing to say.
+    let store = Store::open(&flash_of(&[&older, OTHER]));
+    assert_eq!((store.active().map(|blob| blob.slot), store.refused()), (Some(1), None));
 }
 
 #[test]

@@ -3,18 +3,19 @@
 use std::collections::VecDeque;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::ErrorKind;
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use motionette::blob::crc32;
 use motionette_link::frame::{self, Faults, Receiver};
 use motionette_link::message::{
-    Blob, CHUNK_BYTES, Command, Event, FROM_DEVICE, Generate, Header, Hello, PROTOCOL, REPLY_BYTES, REQUEST_FRAME,
-    Refusal, Reply, State, Status, UpdateFault,
+    Blob, CHUNK_BYTES, Command, Event, FROM_DEVICE, Generate, Header, Hello, Owner, PROTOCOL, REPLY_BYTES,
+    REQUEST_FRAME, Refusal, Reply, Start, State, Status, Strain, Understood, UpdateFault,
 };
 
 use super::{Error, Transport};
 
-/// How patient a client is.
+/// How patient a client is, and how it treats others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
     /// How long it waits for an answer before it repeats a request.
@@ -25,6 +26,8 @@ pub struct Options {
     pub attempts: u32,
     /// How often it asks how a job or a motion stands.
     pub poll: Duration,
+    /// Whether it ends another host's session.
+    pub take_over: bool,
 }
 
 impl Default for Options {
@@ -35,6 +38,7 @@ impl Default for Options {
             attempts: 6,
             // Well below the silence after which devices count a host as lost.
             poll: Duration::from_millis(100),
+            take_over: false,
         }
     }
 }
@@ -42,13 +46,23 @@ impl Default for Options {
 /// Statuses without a trace of a job after which it counts as lost: its event may be on its way.
 const TRACELESS: u32 = 20;
 
+/// Times that a client that leaves says so.
+const FAREWELLS: u32 = 2;
+
+/// Sees how the device stands while it is waited for; to break off ends the waiting with [`Error::Interrupted`].
+pub type Observe<'o> = dyn FnMut(&Status) -> ControlFlow<()> + 'o;
+
 /// A motion that a device has made.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Made {
     /// Frames.
     pub frames: u16,
     /// Mean distance from the anchors, metres.
     pub control_error: Option<f32>,
+    /// What the device understood of the prompt.
+    pub understood: Option<Understood>,
+    /// What the anchors ask of the motion.
+    pub strain: Option<Strain>,
 }
 
 /// The host's side of a session with a device.
@@ -67,7 +81,7 @@ pub struct Client<T> {
 }
 
 impl<T: Transport> Client<T> {
-    /// A client without a session, which may do nothing but stop the device.
+    /// A client without a session, which may stop the device and ask how it stands, and nothing else.
     #[must_use]
     pub fn new(transport: T, options: Options) -> Self {
         // The only source of randomness in the standard library.
@@ -88,13 +102,20 @@ impl<T: Transport> Client<T> {
     /// Begins a session.
     ///
     /// # Errors
-    /// [`Error::Silent`] when nobody answers, [`Error::Version`] when someone of another version does.
+    /// [`Error::Silent`] when nobody answers, [`Error::Version`] when someone of another version does, [`Error::Refused`] with
+    /// [`Refusal::Occupied`] while another host has the robot and is not to be taken over.
     pub fn connect(transport: T, options: Options) -> Result<(Self, Hello), Error> {
         let mut client = Self::new(transport, options);
-        match client.request(&Command::Hello)? {
+        match client.request(&Command::Hello { take_over: options.take_over })? {
             Reply::Hello(hello) => Ok((client, hello)),
             _ => Err(Error::Unexpected),
         }
+    }
+
+    /// Ends the session, so that another host need not wait for this one to count as silent. What moves or is made goes on. If nobody
+    /// answers, the device finds out by itself.
+    pub fn close(&mut self) {
+        let _ = self.send(&Command::Close, FAREWELLS.min(self.options.attempts));
     }
 
     /// Requests that were sent more than once, counted for each time.
@@ -114,7 +135,11 @@ impl<T: Transport> Client<T> {
     /// # Errors
     /// [`Error::Refused`], [`Error::Silent`], [`Error::Broken`] or [`Error::Version`].
     pub fn request(&mut self, command: &Command) -> Result<Reply, Error> {
-        let Options { wait, commit_wait, attempts, .. } = self.options;
+        self.send(command, self.options.attempts)
+    }
+
+    fn send(&mut self, command: &Command, attempts: u32) -> Result<Reply, Error> {
+        let Options { wait, commit_wait, .. } = self.options;
         let wait = if matches!(command, Command::BlobCommit) { commit_wait } else { wait };
         self.id = self.id.wrapping_add(1);
         let header = Header::new(self.session, self.id);
@@ -225,11 +250,13 @@ impl<T: Transport> Client<T> {
     /// Has a motion made and waits for it; `observe` sees how it goes.
     ///
     /// # Errors
-    /// As [`Client::request`], [`Error::Failed`], or [`Error::JobLost`].
-    pub fn generate(&mut self, request: &Generate, observe: &mut dyn FnMut(&Status)) -> Result<Made, Error> {
+    /// As [`Client::request`], [`Error::Failed`], [`Error::JobLost`], or [`Error::Interrupted`].
+    pub fn generate(&mut self, request: &Generate, observe: &mut Observe<'_>) -> Result<Made, Error> {
         self.tell(&Command::Generate(request.clone()))?;
         match self.outcome(self.id, observe)? {
-            Event::Ready { frames, control_error, .. } => Ok(Made { frames, control_error }),
+            Event::Ready { frames, control_error, understood, strain, .. } => {
+                Ok(Made { frames, control_error, understood, strain })
+            }
             _ => Err(Error::Unexpected),
         }
     }
@@ -240,21 +267,20 @@ impl<T: Transport> Client<T> {
     /// As [`Client::generate`].
     pub fn self_test(&mut self) -> Result<Option<bool>, Error> {
         self.tell(&Command::SelfTest)?;
-        match self.outcome(self.id, &mut |_| {})? {
+        match self.outcome(self.id, &mut |_| ControlFlow::Continue(()))? {
             Event::SelfTest { passed, .. } => Ok(passed),
             _ => Err(Error::Unexpected),
         }
     }
 
     /// How the job of request `id` ended: from its event, or from a status when that was lost.
-    fn outcome(&mut self, id: u32, observe: &mut dyn FnMut(&Status)) -> Result<Event, Error> {
+    fn outcome(&mut self, id: u32, observe: &mut Observe<'_>) -> Result<Event, Error> {
         let mut traceless = 0;
         while traceless < TRACELESS {
             let event = match self.event(self.options.poll)? {
                 Some(event) => Some(event),
                 None => {
-                    let status = self.status()?;
-                    observe(&status);
+                    let status = self.own_status(observe)?;
                     let at_work = status.device.work.is_some_and(|work| work.job == id);
                     traceless = if at_work { 0 } else { traceless + 1 };
                     status.outcome
@@ -271,25 +297,59 @@ impl<T: Transport> Client<T> {
         Err(Error::JobLost { job: id })
     }
 
-    /// Waits until a movement that was asked for ends, and keeps the device from taking its host for lost; the state it ended
-    /// in comes back.
+    /// Waits until the robot is at rest, and keeps the device from taking its host for lost; the state it rests in comes back.
     ///
     /// # Errors
-    /// As [`Client::request`].
-    pub fn wait_for_rest(&mut self, observe: &mut dyn FnMut(&Status)) -> Result<State, Error> {
+    /// As [`Client::request`]; [`Error::Refused`] with [`Refusal::NotReady`] when it waits for a start that does not go on, and with
+    /// [`Refusal::Session`] when another host has taken over; [`Error::Interrupted`].
+    pub fn wait_for_rest(&mut self, observe: &mut Observe<'_>) -> Result<State, Error> {
+        self.wait(false, observe)
+    }
+
+    /// Waits until the motion that is to be played has been; else as [`Client::wait_for_rest`].
+    ///
+    /// # Errors
+    /// As [`Client::wait_for_rest`]; [`Error::Stopped`] or [`Error::NotBegun`] when it was not played to its end.
+    pub fn wait_for_motion(&mut self, observe: &mut Observe<'_>) -> Result<State, Error> {
+        self.wait(true, observe)
+    }
+
+    fn wait(&mut self, motion: bool, observe: &mut Observe<'_>) -> Result<State, Error> {
         let (mut moved, mut waited) = (false, 0);
         loop {
             moved |= self.event(self.options.poll)? == Some(Event::Finished);
-            let status = self.status()?;
-            observe(&status);
-            let device = status.device;
-            moved |= device.state.moves();
-            // A motion that plays when it is ready may take a moment to begin.
-            let begins = device.state != State::Stopped && device.frames_queued > 0 && !moved && waited < TRACELESS;
-            if !device.state.moves() && !begins {
-                return Ok(device.state);
+            let device = self.own_status(observe)?.device;
+            moved |= device.moves();
+            if device.moves() || device.start.is_under_way() {
+                continue;
             }
+            // What was ordered may take a moment to begin.
+            let late = waited >= TRACELESS;
             waited += 1;
+            match device.start {
+                start @ (Start::Waiting | Start::Refused { .. }) if late => {
+                    return Err(Error::Refused(Refusal::NotReady(start)));
+                }
+                Start::Waiting | Start::Refused { .. } => continue,
+                _ => {}
+            }
+            match device.state {
+                State::Stopped if motion => return Err(Error::Stopped),
+                // A motion may have ended between two statuses.
+                state if moved || !motion || device.frames_queued == 0 => return Ok(state),
+                _ if late => return Err(Error::NotBegun),
+                _ => {}
+            }
+        }
+    }
+
+    /// How the device stands, as long as this host has the session.
+    fn own_status(&mut self, observe: &mut Observe<'_>) -> Result<Status, Error> {
+        let status = self.status()?;
+        match observe(&status) {
+            ControlFlow::Break(()) => Err(Error::Interrupted),
+            ControlFlow::Continue(()) if status.owner == Owner::You => Ok(status),
+            ControlFlow::Continue(()) => Err(Error::Refused(Refusal::Session)),
         }
     }
 

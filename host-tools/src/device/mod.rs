@@ -7,6 +7,6 @@ mod client;
 mod error;
 mod transport;
 
-pub use client::{Client, Made, Options};
-pub use error::Error;
+pub use client::{Client, Made, Observe, Options};
+pub use error::{Error, advice_for_start};
 pub use transport::{Transport, open};

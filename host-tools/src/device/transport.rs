@@ -1,7 +1,7 @@
 //! Lines of bytes to a device: serial ports and TCP.
 
-use std::io::{self, Read, Write};
-use std::net::TcpStream;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
 use serialport::SerialPort;
@@ -42,29 +42,36 @@ impl Transport for Box<dyn Transport> {
 /// Opens `tcp:HOST:PORT` or a serial device, which runs at `baud`.
 ///
 /// # Errors
-/// [`Error::Open`].
+/// [`Error::Open`], [`Error::Resolve`] or [`Error::Connect`].
 pub fn open(port: &str, baud: u32) -> Result<Box<dyn Transport>, Error> {
-    let opened = match port.strip_prefix("tcp:") {
-        Some(address) => tcp(address),
-        None => serial(port, baud),
-    };
-    opened.map_err(|source| Error::Open { port: port.to_owned(), source })
+    match port.strip_prefix("tcp:") {
+        Some(address) => tcp(port.to_owned(), address),
+        None => serial(port, baud).map_err(|source| Error::Open { port: port.to_owned(), source }),
+    }
 }
 
-fn tcp(address: &str) -> io::Result<Box<dyn Transport>> {
+fn tcp(port: String, address: &str) -> Result<Box<dyn Transport>, Error> {
     use std::net::ToSocketAddrs;
-    let mut last = io::Error::new(io::ErrorKind::InvalidInput, "no such address");
-    for address in address.to_socket_addrs()? {
-        match TcpStream::connect_timeout(&address, CONNECT) {
-            Ok(stream) => {
-                // Requests are short and each waits for its answer.
-                stream.set_nodelay(true)?;
-                return Ok(Box::new(stream));
-            }
-            Err(error) => last = error,
+    let addresses = match address.to_socket_addrs() {
+        Ok(addresses) => addresses,
+        Err(source) if source.kind() == ErrorKind::InvalidInput => return Err(Error::Open { port, source }),
+        Err(source) => return Err(Error::Resolve { port, source }),
+    };
+    let mut failed = Error::Resolve { port: port.clone(), source: ErrorKind::NotFound.into() };
+    for address in addresses {
+        match connect(address) {
+            Ok(stream) => return Ok(Box::new(stream)),
+            Err(source) => failed = Error::Connect { port: port.clone(), source },
         }
     }
-    Err(last)
+    Err(failed)
+}
+
+fn connect(address: SocketAddr) -> io::Result<TcpStream> {
+    let stream = TcpStream::connect_timeout(&address, CONNECT)?;
+    // Requests are short and each waits for its answer.
+    stream.set_nodelay(true)?;
+    Ok(stream)
 }
 
 fn serial(port: &str, baud: u32) -> io::Result<Box<dyn Transport>> {

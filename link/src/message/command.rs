@@ -5,20 +5,24 @@ use motionette::planning::Planning;
 use motionette::refining::Config;
 use serde::{Deserialize, Serialize};
 
-use super::{ANCHORS, Anchor, CHUNK_BYTES, TEXT_BYTES};
+use super::{ANCHORS, Anchor, CHUNK_BYTES, Refinement, TEXT_BYTES};
 
 /// A request. The reply says which kinds of answer there are; any request may be [refused](super::Refusal).
 // Lives on the stack while it is handled; there is no heap to put the large variant on.
 #[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Command {
-    /// Begins a session. Reply: [`Hello`](super::Hello).
-    Hello,
+    /// Begins a session. Reply: [`Hello`](super::Hello). Refused while another host has one that it has neither closed nor fallen
+    /// silent in.
+    Hello {
+        /// Ends another host's session. The robot goes on with what it does.
+        take_over: bool,
+    },
     /// Makes a motion. Reply: accepted; then event `Ready` or `Failed`.
     Generate(Generate),
     /// Plays the motion that is ready. Reply: accepted; then event `Finished`.
     Play,
-    /// Emergency stop: movement and work end at once. Never refused. The device moves again only after `Neutral`.
+    /// Emergency stop: movement and work end at once. Never refused, whatever the session. The device moves again only after `Neutral`.
     Stop,
     /// Comes to rest where it is, as fast as the servo limits allow.
     Hold,
@@ -26,7 +30,7 @@ pub enum Command {
     Resume,
     /// Moves to the neutral pose.
     Neutral,
-    /// Reply: [`Status`](super::Status).
+    /// Reply: [`Status`](super::Status), whatever the session.
     Status,
     /// Has the model prove itself. Reply: accepted; then event `SelfTest` or `Failed`.
     SelfTest,
@@ -51,6 +55,11 @@ pub enum Command {
     BlobAbort,
     /// Says that the host is alive.
     KeepAlive,
+    /// Lets servos that cannot say where they stand have their first pulses: the robot has been brought to the pose that its description
+    /// states for the start. Reply: accepted.
+    Release,
+    /// Ends the session, so that another host need not wait; a transfer is given up, what moves or is made goes on. Reply: accepted.
+    Close,
 }
 
 /// How long a motion becomes.
@@ -75,6 +84,8 @@ pub struct Generate {
     pub steps: u16,
     /// How strongly the text guides; 1 is off.
     pub guidance: f32,
+    /// How it is bent onto its anchors.
+    pub refinement: Refinement,
     /// Decoder evaluations of the refinement; 0: as many as the device prefers.
     pub evaluations: u16,
     /// Where the motion must pass.
@@ -93,6 +104,7 @@ impl Generate {
             seed: Planning::DEFAULT.seed,
             steps: Planning::DEFAULT.steps,
             guidance: Planning::DEFAULT.guidance,
+            refinement: Refinement::DEVICE,
             evaluations: Config::default().evaluations,
             anchors: Vec::new(),
             play_when_ready: false,
@@ -120,6 +132,6 @@ impl Generate {
         if anchors.is_empty() {
             return request;
         }
-        request.through(anchors).refined(Config { evaluations: self.evaluations, ..Config::default() })
+        motionette::Request { refinement: self.refinement.config(self.evaluations), ..request.anchors(anchors) }
     }
 }

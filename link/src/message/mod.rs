@@ -6,23 +6,30 @@
 mod anchor;
 mod command;
 mod failure;
+mod made;
+mod refinement;
 mod refusal;
 mod reply;
+mod start;
 
 pub use anchor::{Anchor, Target};
 pub use command::{Command, Generate, Length};
 pub use failure::Failure;
+pub use made::{Measure, Phrase, Strain, Understood};
+pub use refinement::Refinement;
 pub use refusal::{BlobFault, FlashFault, Refusal, UpdateFault};
 pub use reply::{
-    Blob, Condition, Event, Hello, Limits, LossAction, ModelInfo, Reply, Stage, State, Status, Transfer, Work,
+    Blob, Condition, Event, Hello, Limits, LossAction, ModelInfo, Owner, RefusedBlob, Reply, Stage, State, Status,
+    Transfer, Work,
 };
+pub use start::{Start, StartFault};
 
 use serde::{Deserialize, Serialize};
 
 use crate::frame::{CRC_BYTES, frame_bytes};
 
 /// Version of the protocol, below 128. Readers refuse other versions and name their own.
-pub const PROTOCOL: u8 = 1;
+pub const PROTOCOL: u8 = 2;
 /// Set in the version of what a device sends, so that an echo on the line is no request.
 pub const FROM_DEVICE: u8 = 0x80;
 /// Longest prompt, bytes of UTF-8.
@@ -33,10 +40,12 @@ pub const ANCHORS: usize = motionette::request::conditions::MAX_ANCHORS;
 pub const CHUNK_BYTES: usize = 240;
 /// Longest name, bytes of UTF-8.
 pub const NAME_BYTES: usize = 32;
+/// Longest phrase in which a device says what it understood, bytes of UTF-8.
+pub const PHRASE_BYTES: usize = 64;
 /// Bytes of the longest request with its checksum.
 pub const REQUEST_BYTES: usize = 832 + CRC_BYTES;
 /// Bytes of the longest reply with its checksum.
-pub const REPLY_BYTES: usize = 188 + CRC_BYTES;
+pub const REPLY_BYTES: usize = 248 + CRC_BYTES;
 /// Bytes of the longest frame from the host.
 pub const REQUEST_FRAME: usize = frame_bytes(REQUEST_BYTES);
 /// Bytes of the longest frame from the device.

@@ -6,6 +6,8 @@ use embedded_storage::nor_flash::NorFlashErrorKind;
 use motionette::blob;
 use serde::{Deserialize, Serialize};
 
+use super::{Refinement, Start};
+
 /// Why a request was not done. Nothing has changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
@@ -14,7 +16,7 @@ pub enum Refusal {
         /// The version it speaks.
         supported: u8,
     },
-    /// The session is not the current one: the device has started anew, or another host has said hello.
+    /// The session is not the current one: it was closed, the device has started anew, or another host has taken over.
     Session,
     /// A request that a later one has overtaken.
     Stale {
@@ -49,6 +51,22 @@ pub enum Refusal {
     NoStorage,
     /// A blob was not taken.
     Update(UpdateFault),
+    /// Another host has a session.
+    Occupied {
+        /// Milliseconds after which its session ends if it says nothing more; `None`: this device waits for it for ever.
+        free_in_ms: Option<u32>,
+    },
+    /// The start of the robot stands so that no motion can begin.
+    NotReady(Start),
+    /// There is nothing to release.
+    NotWaiting,
+    /// The device does not know the refinement method.
+    Refinement {
+        /// Its number.
+        found: u8,
+    },
+    /// The blob in the newest slot is not used: there is no model.
+    Unusable(UpdateFault),
 }
 
 /// Why a blob was not taken. The one that was active stays so.
@@ -186,7 +204,9 @@ impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Refusal::Version { supported } => write!(f, "the device speaks version {supported} of the protocol"),
-            Refusal::Session => write!(f, "the device has started anew, or talks to another host"),
+            Refusal::Session => {
+                write!(f, "this session is over: the device has started anew, or talks to another host")
+            }
             Refusal::Stale { last } => write!(f, "the request came after a later one (number {last})"),
             Refusal::Malformed => write!(f, "the device does not understand the request, or it exceeds a limit"),
             Refusal::Busy { job } => write!(f, "the device works on request {job}"),
@@ -200,6 +220,18 @@ impl fmt::Display for Refusal {
             Refusal::NoModel => write!(f, "the device has no model"),
             Refusal::NoStorage => write!(f, "the device cannot store blobs"),
             Refusal::Update(fault) => fault.fmt(f),
+            Refusal::Occupied { free_in_ms: Some(ms) } => {
+                write!(f, "another host has the robot, for {} s more if it falls silent now", ms.div_ceil(1000))
+            }
+            Refusal::Occupied { free_in_ms: None } => {
+                write!(f, "another host has the robot, and this device does not watch whether it is silent")
+            }
+            Refusal::NotReady(start) => start.fmt(f),
+            Refusal::NotWaiting => write!(f, "the robot does not wait for a release"),
+            Refusal::Refinement { found } => {
+                write!(f, "the device does not know refinement method {found}, only 0 to {}", Refinement::PUBLISHED.0)
+            }
+            Refusal::Unusable(fault) => write!(f, "the device has no model that it can use: {fault}"),
         }
     }
 }

@@ -4,7 +4,7 @@ use motionette::playback;
 use motionette::playback::output::BusStatus;
 use serde::{Deserialize, Serialize};
 
-use super::{Failure, Name, Refusal};
+use super::{Failure, Name, Refusal, Start, Strain, Understood, UpdateFault};
 use crate::frame::Faults;
 
 /// An answer to a request, or an event that nobody asked for.
@@ -30,7 +30,7 @@ pub enum Reply {
 }
 
 /// Events. One may be lost on the line: [`Status`] tells the same afterwards.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Event {
     /// A motion has been made.
     Ready {
@@ -40,6 +40,10 @@ pub enum Event {
         frames: u16,
         /// Mean distance from the anchors, metres.
         control_error: Option<f32>,
+        /// What was understood of the prompt, if the device can say.
+        understood: Option<Understood>,
+        /// What the anchors ask of the motion, if it has some.
+        strain: Option<Strain>,
     },
     /// The motion was played to its end.
     Finished,
@@ -59,6 +63,8 @@ pub enum Event {
     },
     /// Nothing was heard of the host for too long.
     HostLost(LossAction),
+    /// The robot's start has come to another point, or begins anew because servos have lost their power.
+    Start(Start),
 }
 
 /// What the device did, or is to do, when the host is silent for too long.
@@ -83,6 +89,8 @@ pub struct Hello {
     pub model: Option<ModelInfo>,
     /// The active blob; `None` when it cannot be replaced over the link, or no slot holds one.
     pub blob: Option<Blob>,
+    /// A newer blob, which is not used, and why not.
+    pub refused: Option<RefusedBlob>,
     /// What the device takes.
     pub limits: Limits,
 }
@@ -109,6 +117,15 @@ pub struct Blob {
     pub length: u32,
     /// CRC-32 of all bytes.
     pub crc32: u32,
+}
+
+/// A blob that lies whole in its slot and is not used: another firmware wrote it, or it has rotted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RefusedBlob {
+    /// The blob, as its slot says.
+    pub blob: Blob,
+    /// Why it is not used.
+    pub why: UpdateFault,
 }
 
 /// What a device takes.
@@ -227,6 +244,8 @@ pub struct Work {
 /// How the device stands: what a [`Device`](crate::Device) reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Condition {
+    /// How the robot's start stands.
+    pub start: Start,
     /// What the body does.
     pub state: State,
     /// What is being made.
@@ -246,10 +265,17 @@ pub struct Condition {
 }
 
 impl Condition {
+    /// Whether the body moves, or will as soon as its start goes on.
+    #[must_use]
+    pub const fn moves(&self) -> bool {
+        self.state.moves() || matches!(self.start, Start::Creeping)
+    }
+
     /// What a player and its bus report; work, frames and missed ticks are the caller's to say.
     #[must_use]
     pub fn of(player: &playback::Status, bus: &BusStatus) -> Self {
         Condition {
+            start: player.start.into(),
             state: player.state.into(),
             work: None,
             frames_queued: 0,
@@ -262,6 +288,17 @@ impl Condition {
     }
 }
 
+/// Who has the session: the one host that may do more than look and stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Owner {
+    /// The host that asks.
+    You,
+    /// Another host.
+    Another,
+    /// None.
+    Nobody,
+}
+
 /// A transfer that is under way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Transfer {
@@ -272,17 +309,21 @@ pub struct Transfer {
 }
 
 /// How things stand.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Status {
+    /// Who has the session.
+    pub owner: Owner,
     /// The device.
     pub device: Condition,
     /// How the last job ended: `Ready`, `Failed` or `SelfTest`.
     pub outcome: Option<Event>,
+    /// A newer blob than the active one, which is not used, and why not.
+    pub refused: Option<RefusedBlob>,
     /// The transfer of a blob.
     pub transfer: Option<Transfer>,
-    /// What was done about a silent host since the last status.
+    /// What was done about a silent host since the session's last status.
     pub host_lost: Option<LossAction>,
-    /// What the device's receiver skipped.
+    /// What the device's receiver skipped of this line.
     pub skipped: Faults,
     /// Replies and events that found no room on their way out.
     pub unsent: u32,

@@ -60,13 +60,14 @@ pub trait Device {
     /// Hands a job to whoever runs it; `job` is to come back in its event. Called only while there is no work.
     ///
     /// # Errors
-    /// Why it cannot be done now: no model, a motion that plays out of the same memory.
+    /// Why it cannot be done now: no model, a motion that plays out of the same memory; for a motion that is to play by itself also what
+    /// [`Device::play`] would be refused for, so that it is not made in vain.
     fn start(&mut self, job: u32, work: Job<'_>) -> Result<(), Refusal>;
 
     /// Plays the motion that is ready.
     ///
     /// # Errors
-    /// [`Refusal::NothingToPlay`], [`Refusal::Moving`], or [`Refusal::Stopped`].
+    /// [`Refusal::NothingToPlay`], [`Refusal::Moving`], [`Refusal::Stopped`], or [`Refusal::NotReady`].
     fn play(&mut self) -> Result<(), Refusal>;
 
     /// Emergency stop. MUST end movement and work at once, and MUST NOT fail: state is `Stopped` until
@@ -90,6 +91,12 @@ pub trait Device {
     /// # Errors
     /// [`Refusal::Moving`].
     fn neutral(&mut self) -> Result<(), Refusal>;
+
+    /// Lets servos that cannot say where they stand have their first pulses.
+    ///
+    /// # Errors
+    /// [`Refusal::NotWaiting`] or [`Refusal::Stopped`].
+    fn release(&mut self) -> Result<(), Refusal>;
 
     /// Takes the next thing that has happened.
     fn event(&mut self) -> Option<Event>;

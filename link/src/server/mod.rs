@@ -1,25 +1,29 @@
 //! The device's side of the link: a state machine with time passed in.
 //!
-//! Rules it keeps, whatever comes over the line:
+//! Rules it keeps, whatever comes over its lines:
 //! - a request is executed once: the reply to a repeated one is repeated;
 //! - a request that a later one has overtaken is not executed, so that nothing happens behind a stop;
-//! - `Stop` is executed in every state and in every session;
+//! - one session at a time: another host is refused until the first closes its own, falls silent, or is taken over;
+//! - `Stop` is executed in every state and for every host, and `Status` answered for every host;
 //! - one job at a time, and none while a blob is transferred or, for a transfer, while the body moves;
-//! - a host that falls silent is noticed after a set time, and said to the next one.
+//! - a host that falls silent is noticed after a set time, and said to the next one: only requests of the session, of this version and
+//!   well-formed, are signs of life.
 
 mod device;
+mod port;
 mod session;
 mod silence;
 
 pub use device::{Description, Device, Job, Sink};
+pub use port::Port;
 pub use silence::Silence;
 
 use serde::Serialize;
 
-use crate::frame::{self, Faults, Receiver};
+use crate::frame::{self, Faults};
 use crate::message::{
-    ANCHORS, CHUNK_BYTES, Command, Condition, Event, Header, Hello, Limits, LossAction, PROTOCOL, REPLY_FRAME,
-    REQUEST_BYTES, Refusal, Reply, Status, TEXT_BYTES, name,
+    ANCHORS, CHUNK_BYTES, Command, Condition, Event, Header, Hello, Limits, LossAction, Owner, PROTOCOL, REPLY_FRAME,
+    Refusal, Reply, Status, TEXT_BYTES, name,
 };
 use crate::update::Store;
 use session::{Order, Session};
@@ -28,14 +32,11 @@ use silence::Watch;
 /// The device's side of the link.
 #[derive(Debug)]
 pub struct Server {
-    receiver: Receiver<REQUEST_BYTES>,
-    inner: Inner,
-}
-
-/// Everything behind the receiver.
-#[derive(Debug)]
-struct Inner {
     session: Session,
+    /// Number of the port over which the session's last request came.
+    owner: Option<u32>,
+    /// Ports made so far.
+    ports: u32,
     watch: Watch,
     store: Store,
     /// An event that waits for room on its way out.
@@ -48,95 +49,131 @@ impl Server {
     /// A server for a device whose blobs lie in `store`.
     #[must_use]
     pub const fn new(store: Store, silence: Silence) -> Self {
-        let session = Session::new();
-        let watch = Watch::new(silence);
         Server {
-            receiver: Receiver::new(),
-            inner: Inner { session, watch, store, pending: None, outcome: None, unsent: 0 },
+            session: Session::new(),
+            owner: None,
+            ports: 0,
+            watch: Watch::new(silence),
+            store,
+            pending: None,
+            outcome: None,
+            unsent: 0,
         }
     }
 
     /// The slots.
     #[must_use]
     pub const fn store(&self) -> &Store {
-        &self.inner.store
+        &self.store
     }
 
-    /// What the receiver skipped.
+    /// A port for a line that hosts may talk over.
     #[must_use]
-    pub const fn skipped(&self) -> Faults {
-        self.receiver.faults()
+    pub const fn port(&mut self) -> Port {
+        self.ports = self.ports.wrapping_add(1);
+        Port::new(self.ports)
     }
 
-    /// Takes bytes from the line as they come, in pieces of any size, at `now` (milliseconds, never decreasing), and
-    /// executes the requests in them.
-    pub fn receive<D: Device>(&mut self, now: u64, mut bytes: &[u8], device: &mut D, out: &mut impl Sink) {
-        while let Some(received) = self.receiver.next(&mut bytes) {
+    /// Whether the host of the session is at the other end of `port`: its line is the one for events.
+    #[must_use]
+    pub fn is_owner(&self, port: &Port) -> bool {
+        self.session.is_open() && self.owner == Some(port.number)
+    }
+
+    /// Nobody listens on `port` any more: its cable was pulled or its connection closed. A session that was held over it ends, as
+    /// [`Command::Close`] ends it.
+    pub fn hang_up(&mut self, port: &Port) {
+        if self.is_owner(port) {
+            self.close();
+        }
+    }
+
+    /// Takes bytes from a line as they come, in pieces of any size, at `now` (milliseconds, never decreasing), and executes the requests
+    /// in them. Replies go to `out`, which MUST lead to the other end of the same line.
+    pub fn receive<D: Device>(
+        &mut self,
+        port: &mut Port,
+        now: u64,
+        mut bytes: &[u8],
+        device: &mut D,
+        out: &mut impl Sink,
+    ) {
+        while let Some(received) = port.receiver.next(&mut bytes) {
             // What was skipped has been counted and is part of every status.
             let Ok(message) = received else { continue };
             match postcard::take_from_bytes::<Header>(message) {
                 Ok((header, body)) if !header.from_device() => {
-                    if let Some(answer) = self.inner.handle(now, header, body, device, out) {
-                        self.inner.answer(answer, self.receiver.faults(), out);
+                    if let Some(answer) = self.handle(port.number, now, header, body, device, out) {
+                        self.answer(answer, port.receiver.faults(), out);
                     }
                 }
-                _ => self.receiver.count_unfit(),
+                _ => port.receiver.count_unfit(),
             }
         }
     }
 
-    /// Sends events and watches for a silent host at `now` (milliseconds). To be called a few times a second at least, and
-    /// after anything has ended.
-    pub fn poll<D: Device>(&mut self, now: u64, device: &mut D, out: &mut impl Sink) {
-        self.inner.poll(now, device, out);
-    }
-}
-
-/// A reply that is to be sent.
-struct Answer {
-    header: Header,
-    reply: Reply,
-    /// Whether it is to be repeated when its request is.
-    keep: bool,
-}
-
-impl Inner {
     /// Executes one request. `None`: there is nothing to answer, or the answer was repeated.
     fn handle<D: Device>(
         &mut self,
+        port: u32,
         now: u64,
         header: Header,
         body: &[u8],
         device: &mut D,
         out: &mut impl Sink,
     ) -> Option<Answer> {
-        self.watch.heard(now);
-        let refuse = |refusal| Some(Answer { header, reply: Reply::Refused(refusal), keep: false });
+        let aside = |reply| Some(Answer { header, reply, keep: false });
+        let refuse = |refusal| aside(Reply::Refused(refusal));
         if header.version != PROTOCOL {
             return refuse(Refusal::Version { supported: PROTOCOL });
         }
         let Some(command) = parse(body) else { return refuse(Refusal::Malformed) };
-        let (stop, hello) = (matches!(command, Command::Stop), matches!(command, Command::Hello));
-        match self.session.order(&header) {
-            Order::Repeated => {
+        match (self.session.order(&header), &command) {
+            (Order::Repeated, _) => {
+                self.heard(port, now);
                 let sent = self.session.reply().is_some_and(|frame| push(out, frame));
                 self.unsent = self.unsent.saturating_add(u32::from(!sent));
                 return None;
             }
-            Order::Foreign if hello => {
+            (Order::Next, Command::Hello { .. }) => self.session.begin(&header),
+            (Order::Next, _) if self.session.is_open() => self.session.advance(&header),
+            (Order::Foreign, Command::Hello { take_over }) => {
+                if !take_over && self.session.is_open() && !self.watch.silent(now) {
+                    return refuse(Refusal::Occupied { free_in_ms: self.watch.left(now) });
+                }
                 self.store.abort();
                 self.session.begin(&header);
             }
-            Order::Overtaken { .. } | Order::Foreign if stop => {
+            (_, Command::Stop) => {
                 device.stop();
-                return Some(Answer { header, reply: Reply::Accepted, keep: false });
+                return aside(Reply::Accepted);
             }
-            Order::Overtaken { last } => return refuse(Refusal::Stale { last }),
-            Order::Foreign => return refuse(Refusal::Session),
-            Order::Next => self.session.advance(&header),
+            (Order::Overtaken { last }, _) => return refuse(Refusal::Stale { last }),
+            (_, Command::Status) => {
+                let owner = if self.session.is_open() { Owner::Another } else { Owner::Nobody };
+                return aside(Reply::Status(self.status(owner, device)));
+            }
+            // A session that is not the current one has ended already.
+            (_, Command::Close) => return aside(Reply::Accepted),
+            _ => return refuse(Refusal::Session),
         }
+        self.heard(port, now);
         let reply = self.execute(header.id, command, device).unwrap_or_else(Reply::Refused);
         Some(Answer { header, reply, keep: true })
+    }
+
+    /// The session's host was heard of.
+    fn heard(&mut self, port: u32, now: u64) {
+        if self.session.is_open() {
+            self.owner = Some(port);
+            self.watch.heard(now);
+        }
+    }
+
+    /// Ends the session. What moves or is made goes on, as after a host that fell silent.
+    fn close(&mut self) {
+        self.store.abort();
+        self.session.close();
     }
 
     fn answer(&mut self, answer: Answer, skipped: Faults, out: &mut impl Sink) {
@@ -152,19 +189,23 @@ impl Inner {
 
     fn execute<D: Device>(&mut self, id: u32, command: Command, device: &mut D) -> Result<Reply, Refusal> {
         match command {
-            Command::Hello => return Ok(Reply::Hello(self.hello(device))),
-            Command::Status => return Ok(Reply::Status(self.status(device))),
+            Command::Hello { .. } => return Ok(Reply::Hello(self.hello(device))),
+            Command::Status => {
+                let status = self.status(Owner::You, device);
+                self.watch.reported();
+                return Ok(Reply::Status(status));
+            }
             Command::KeepAlive => {}
+            Command::Close => self.close(),
             Command::Stop => device.stop(),
             Command::Hold => device.hold()?,
             Command::Generate(request) => {
-                self.ready_for_work(&device.condition())?;
-                device.start(id, Job::Generate(&request))?;
+                if !request.refinement.is_known() {
+                    return Err(Refusal::Refinement { found: request.refinement.0 });
+                }
+                self.start(id, Job::Generate(&request), device)?;
             }
-            Command::SelfTest => {
-                self.ready_for_work(&device.condition())?;
-                device.start(id, Job::SelfTest)?;
-            }
+            Command::SelfTest => self.start(id, Job::SelfTest, device)?,
             Command::Play => {
                 self.ready_to_move()?;
                 device.play()?;
@@ -176,6 +217,10 @@ impl Inner {
             Command::Neutral => {
                 self.ready_to_move()?;
                 device.neutral()?;
+            }
+            Command::Release => {
+                self.ready_to_move()?;
+                device.release()?;
             }
             Command::BlobBegin { length, crc32 } => {
                 let condition = device.condition();
@@ -201,11 +246,15 @@ impl Inner {
         Ok(Reply::Accepted)
     }
 
-    fn ready_for_work(&self, condition: &Condition) -> Result<(), Refusal> {
-        match condition.work {
-            Some(work) => Err(Refusal::Busy { job: work.job }),
-            None => self.ready_to_move(),
+    fn start<D: Device>(&self, id: u32, job: Job<'_>, device: &mut D) -> Result<(), Refusal> {
+        match device.condition().work {
+            Some(work) => return Err(Refusal::Busy { job: work.job }),
+            None => self.ready_to_move()?,
         }
+        device.start(id, job).map_err(|refusal| match (refusal, self.store.refused()) {
+            (Refusal::NoModel, Some(refused)) if self.store.active().is_none() => Refusal::Unusable(refused.why),
+            _ => refusal,
+        })
     }
 
     fn ready_to_move(&self) -> Result<(), Refusal> {
@@ -224,6 +273,7 @@ impl Inner {
             preset,
             model,
             blob: self.store.active(),
+            refused: self.store.refused(),
             limits: Limits {
                 text_bytes: TEXT_BYTES as u16,
                 anchors: ANCHORS as u8,
@@ -235,18 +285,22 @@ impl Inner {
         }
     }
 
-    fn status<D: Device>(&mut self, device: &D) -> Status {
+    fn status<D: Device>(&self, owner: Owner, device: &D) -> Status {
         Status {
+            owner,
             device: device.condition(),
-            outcome: self.outcome,
+            outcome: self.outcome.clone(),
+            refused: self.store.refused(),
             transfer: self.store.transfer(),
-            host_lost: self.watch.report(),
+            host_lost: self.watch.unreported(),
             skipped: Faults::default(),
             unsent: self.unsent,
         }
     }
 
-    fn poll<D: Device>(&mut self, now: u64, device: &mut D, out: &mut impl Sink) {
+    /// Sends events and watches for a silent host at `now` (milliseconds). To be called a few times a second at least, and
+    /// after anything has ended. `out` leads to the session's host, see [`Server::is_owner`].
+    pub fn poll<D: Device>(&mut self, now: u64, device: &mut D, out: &mut impl Sink) {
         if self.watch.silent(now) {
             if self.store.transfer().is_some() {
                 self.store.abort();
@@ -275,7 +329,7 @@ impl Inner {
     fn next_event<D: Device>(&mut self, device: &mut D) -> Option<Event> {
         let event = device.event()?;
         if matches!(event, Event::Ready { .. } | Event::Failed { .. } | Event::SelfTest { .. }) {
-            self.outcome = Some(event);
+            self.outcome = Some(event.clone());
         }
         Some(event)
     }
@@ -292,6 +346,14 @@ impl Inner {
     }
 }
 
+/// A reply that is to be sent.
+struct Answer {
+    header: Header,
+    reply: Reply,
+    /// Whether it is to be repeated when its request is.
+    keep: bool,
+}
+
 /// The command in `body`, if there is one and nothing behind it.
 fn parse(body: &[u8]) -> Option<Command> {
     match postcard::take_from_bytes(body) {
@@ -304,7 +366,7 @@ fn parse(body: &[u8]) -> Option<Command> {
 fn ready_for_flash(condition: &Condition) -> Result<(), Refusal> {
     match condition.work {
         Some(work) => Err(Refusal::Busy { job: work.job }),
-        None if condition.state.moves() => Err(Refusal::Moving),
+        None if condition.moves() => Err(Refusal::Moving),
         None => Ok(()),
     }
 }

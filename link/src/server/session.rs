@@ -1,6 +1,7 @@
-//! Which requests are new.
+//! Which requests are new, and whose.
 //!
 //! A host sends a request when the one before has been answered or given up, so the last reply is all that is kept.
+//! A session that was closed keeps its numbers, so that what comes late from it is known, until another one begins.
 
 use heapless::Vec;
 use serde::Serialize;
@@ -29,17 +30,24 @@ pub enum Order {
 pub struct Session {
     /// Its number and the id of its last request.
     current: Option<(u32, u32)>,
+    /// Its host has not closed it.
+    open: bool,
     reply: Vec<u8, REPLY_FRAME>,
 }
 
 impl Session {
     pub const fn new() -> Self {
-        Session { current: None, reply: Vec::new() }
+        Session { current: None, open: false, reply: Vec::new() }
     }
 
     /// Number of the session, 0 before the first.
     pub fn number(&self) -> u32 {
         self.current.map_or(0, |(number, _)| number)
+    }
+
+    /// Whether it began and was not closed.
+    pub const fn is_open(&self) -> bool {
+        self.open
     }
 
     pub fn order(&self, header: &Header) -> Order {
@@ -58,13 +66,19 @@ impl Session {
 
     /// The session of `header` is the current one from now on, and its request the last.
     pub fn begin(&mut self, header: &Header) {
-        self.current = Some((header.session, header.id));
-        self.reply.clear();
+        self.open = true;
+        self.advance(header);
     }
 
     /// The request of `header` is the last one.
     pub fn advance(&mut self, header: &Header) {
-        self.begin(header);
+        self.current = Some((header.session, header.id));
+        self.reply.clear();
+    }
+
+    /// Its host has left.
+    pub const fn close(&mut self) {
+        self.open = false;
     }
 
     /// Keeps the reply to the last request, as a frame.

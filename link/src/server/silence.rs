@@ -5,7 +5,7 @@ use crate::message::LossAction;
 /// What silence means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Silence {
-    /// Milliseconds without a request after which a host counts as lost; 0: never.
+    /// Milliseconds without a request of its session after which a host counts as lost; 0: never.
     pub after_ms: u32,
     /// What is done then with a motion: `Finish` or `Hold`.
     pub action: LossAction,
@@ -15,7 +15,7 @@ pub struct Silence {
 #[derive(Debug)]
 pub struct Watch {
     silence: Silence,
-    /// When a host was last heard of.
+    /// When the session's host was last heard of.
     heard: Option<u64>,
     /// What was done in this silence.
     acted: Option<LossAction>,
@@ -39,8 +39,13 @@ impl Watch {
 
     /// Whether a host that was there counts as lost.
     pub fn silent(&self, now: u64) -> bool {
-        let after = u64::from(self.silence.after_ms);
-        after > 0 && self.heard.is_some_and(|heard| now.saturating_sub(heard) >= after)
+        self.heard.is_some() && self.left(now) == Some(0)
+    }
+
+    /// Milliseconds after which the host counts as lost if it says nothing more; `None`: it never does.
+    pub fn left(&self, now: u64) -> Option<u32> {
+        let passed = u32::try_from(now.saturating_sub(self.heard.unwrap_or(now))).unwrap_or(u32::MAX);
+        (self.silence.after_ms > 0).then(|| self.silence.after_ms.saturating_sub(passed))
     }
 
     /// Whether something is to be done about movement: once a silence, and again when a body that was to hold moves.
@@ -57,7 +62,12 @@ impl Watch {
     }
 
     /// What was done since the last report.
-    pub fn report(&mut self) -> Option<LossAction> {
-        self.unreported.take()
+    pub const fn unreported(&self) -> Option<LossAction> {
+        self.unreported
+    }
+
+    /// The session's host has been told.
+    pub const fn reported(&mut self) {
+        self.unreported = None;
     }
 }

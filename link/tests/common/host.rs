@@ -4,15 +4,17 @@ use motionette_link::frame::{Receiver, encode};
 use motionette_link::message::{
     Command, Event, Header, LossAction, REPLY_BYTES, REQUEST_FRAME, Refusal, Reply, Status,
 };
-use motionette_link::server::{Server, Silence};
+use motionette_link::server::{Port, Server, Silence};
 use motionette_link::update::Store;
 
 use super::{Line, Robot, crc};
 
+pub const HELLO: Command = Command::Hello { take_over: false };
 pub const SILENCE: Silence = Silence { after_ms: 500, action: LossAction::Finish };
 
 pub struct Host {
     pub server: Server,
+    pub port: Port,
     pub robot: Robot,
     pub session: u32,
     pub id: u32,
@@ -22,14 +24,15 @@ pub struct Host {
 impl Host {
     pub fn new(silence: Silence) -> Self {
         let robot = Robot::default();
-        let server = Server::new(Store::open(&robot.flash), silence);
-        Host { server, robot, session: 77, id: 0, now: 1000 }
+        let mut server = Server::new(Store::open(&robot.flash), silence);
+        let port = server.port();
+        Host { server, port, robot, session: 77, id: 0, now: 1000 }
     }
 
     /// After hello.
     pub fn greeted(silence: Silence) -> Self {
         let mut host = Self::new(silence);
-        assert!(matches!(host.ask(&Command::Hello), Reply::Hello(_)));
+        assert!(matches!(host.ask(&HELLO), Reply::Hello(_)));
         host
     }
 
@@ -55,10 +58,18 @@ impl Host {
         reply
     }
 
+    /// What another host is told, over a line of its own.
+    pub fn another(&mut self, port: &mut Port, header: Header, command: &Command) -> Reply {
+        core::mem::swap(&mut self.port, port);
+        let reply = self.as_numbered(header, command);
+        core::mem::swap(&mut self.port, port);
+        reply
+    }
+
     /// Bytes to the device; its bytes back.
     pub fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut line = Line::default();
-        self.server.receive(self.now, bytes, &mut self.robot, &mut line);
+        self.server.receive(&mut self.port, self.now, bytes, &mut self.robot, &mut line);
         line.0
     }
 

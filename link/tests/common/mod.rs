@@ -9,7 +9,8 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 use motionette_link::message::{
-    Condition, Event, Failure, Generate, ModelInfo, Refusal, Stage, State, UpdateFault, Work, name,
+    Condition, Event, Failure, Generate, Measure, ModelInfo, Refusal, Stage, Start, State, Strain, Understood,
+    UpdateFault, Work, name,
 };
 use motionette_link::server::{Description, Device, Job, Sink};
 use motionette_link::update::{Layout, Slot, Storage, Store};
@@ -167,6 +168,22 @@ impl Storage for Flash {
     }
 }
 
+/// A flash in which `blobs` stand in the slots A and B, newest last, whatever they are.
+pub fn flash_with(blobs: &[&[u8]]) -> Flash {
+    let mut flash = Flash::default();
+    for (slot, (blob, sequence)) in blobs.iter().zip(1u32..).enumerate() {
+        let mut words = *b"MNTS____________________";
+        for (at, word) in [(4, 1), (8, sequence), (12, blob.len() as u32), (16, crc(blob))] {
+            words[at..at + 4].copy_from_slice(&u32::to_le_bytes(word));
+        }
+        let check = crc(&words[..20]);
+        words[20..].copy_from_slice(&check.to_le_bytes());
+        flash.bytes[slot * SLOT..][..24].copy_from_slice(&words);
+        flash.bytes[slot * SLOT + SECTOR..][..blob.len()].copy_from_slice(blob);
+    }
+    flash
+}
+
 /// The robot.
 #[derive(Clone)]
 pub struct Robot {
@@ -180,6 +197,10 @@ pub struct Robot {
     pub calls: Vec<&'static str>,
     pub last: Option<Generate>,
     pub activations: usize,
+    /// Frames of the motions that it makes.
+    pub frames: u16,
+    /// It has a model.
+    pub model: bool,
     /// Ids of all jobs.
     pub jobs: Vec<u32>,
 }
@@ -187,6 +208,7 @@ pub struct Robot {
 impl Default for Robot {
     fn default() -> Self {
         let condition = Condition {
+            start: Start::Ready,
             state: State::Holding,
             work: None,
             frames_queued: 0,
@@ -205,12 +227,33 @@ impl Default for Robot {
             calls: Vec::new(),
             last: None,
             activations: 0,
+            frames: 3,
+            model: true,
             jobs: Vec::new(),
         }
     }
 }
 
+/// How the robot says that a motion is ready.
+pub fn ready(job: u32, anchored: bool) -> Event {
+    Event::Ready {
+        job,
+        frames: 3,
+        control_error: anchored.then_some(0.25),
+        understood: Some(Understood { phrase: "person bows".try_into().unwrap(), score: 0.5 }),
+        strain: anchored.then_some(Strain { measure: Measure::DISTANCE, value: 0.75, anchor: 2 }),
+    }
+}
+
 impl Robot {
+    fn may_play(&self) -> Result<(), Refusal> {
+        match (self.condition.state, self.condition.start) {
+            (State::Stopped, _) => Err(Refusal::Stopped),
+            (_, start @ (Start::Waiting | Start::Refused { .. })) => Err(Refusal::NotReady(start)),
+            _ => Ok(()),
+        }
+    }
+
     /// What its own clock does: work goes on, a motion plays on.
     pub fn advance(&mut self) {
         self.condition.ticks += 1;
@@ -222,9 +265,8 @@ impl Robot {
                 self.condition.work = None;
                 match self.last.take() {
                     Some(request) => {
-                        self.condition.frames_queued = 3;
-                        let control_error = (!request.anchors.is_empty()).then_some(0.25);
-                        self.events.push_back(Event::Ready { job, frames: 3, control_error });
+                        self.condition.frames_queued = self.frames;
+                        self.events.push_back(ready(job, !request.anchors.is_empty()));
                         if self.play_when_ready {
                             self.condition.state = State::Playing;
                         }
@@ -249,7 +291,7 @@ impl Device for Robot {
     type Storage = Flash;
 
     fn describe(&self) -> Description {
-        let model = Some(ModelInfo { name: name("nano"), frame_rate: 20, frames: 196 });
+        let model = self.model.then(|| ModelInfo { name: name("nano"), frame_rate: 20, frames: 196 });
         Description { preset: name("table-top"), model }
     }
 
@@ -259,8 +301,14 @@ impl Device for Robot {
 
     fn start(&mut self, job: u32, work: Job<'_>) -> Result<(), Refusal> {
         assert!(self.condition.work.is_none(), "two jobs at once");
+        if !self.model {
+            return Err(Refusal::NoModel);
+        }
         if self.condition.state.moves() {
             return Err(Refusal::Moving);
+        }
+        if matches!(work, Job::Generate(request) if request.play_when_ready) {
+            self.may_play()?;
         }
         self.calls.push("start");
         self.jobs.push(job);
@@ -268,15 +316,14 @@ impl Device for Robot {
             Job::Generate(request) => Some(request.clone()),
             Job::SelfTest => None,
         };
-        self.play_when_ready =
-            self.condition.state != State::Stopped && self.last.as_ref().is_some_and(|r| r.play_when_ready);
+        self.play_when_ready = self.last.as_ref().is_some_and(|r| r.play_when_ready);
         self.condition.work = Some(Work { job, stage: Stage::Waiting, step: 0, steps: 2 });
         Ok(())
     }
 
     fn play(&mut self) -> Result<(), Refusal> {
+        self.may_play()?;
         match self.condition.state {
-            State::Stopped => Err(Refusal::Stopped),
             state if state.moves() => Err(Refusal::Moving),
             _ if self.condition.frames_queued == 0 => Err(Refusal::NothingToPlay),
             _ => {
@@ -327,6 +374,15 @@ impl Device for Robot {
         Ok(())
     }
 
+    fn release(&mut self) -> Result<(), Refusal> {
+        if self.condition.start != Start::Waiting {
+            return Err(Refusal::NotWaiting);
+        }
+        self.calls.push("release");
+        self.condition.start = Start::Creeping;
+        Ok(())
+    }
+
     fn event(&mut self) -> Option<Event> {
         self.events.pop_front()
     }
@@ -339,6 +395,7 @@ impl Device for Robot {
         let bytes = store.bytes(&self.flash).expect("an active blob");
         motionette::Model::open(bytes).expect("an active blob that opens");
         self.activations += 1;
+        self.model = true;
     }
 }
 

@@ -76,6 +76,7 @@ fn larger(a: Angle, b: Angle) -> Angle {
 impl Limiter {
     /// At rest at the angle nearest to `at` inside the range.
     #[must_use]
+    #[inline(never)]
     pub fn new(limits: Limits, at: Angle) -> Self {
         let Limits { low, high, step, change } = limits;
         let high = larger(low, high);

@@ -533,6 +533,7 @@ impl Channel {
 
     /// Whether a servo that says that it stands at `command` is in its range, or beyond an end by no more than `slack` degrees.
     #[must_use]
+    #[inline(never)]
     pub fn admits(&self, command: u16, slack: f32) -> bool {
         let ([low, high], angle) = (self.range, self.degrees(command));
         angle >= low - slack && angle <= high + slack

@@ -1,5 +1,6 @@
 //! Mapping and playing against known poses, brute force and the rules that the output must keep.
 
+use super::Start;
 use super::control::State;
 use super::line::{Ends, Full, Line, When, line_bytes};
 use super::mapper::{Mapper, reach};
@@ -247,12 +248,13 @@ fn robots_are_packed_and_opened_or_refused_with_the_reason() {
     let mut nonsense = robot.clone();
     (nonsense.channels[0].speed, nonsense.channels[1].gain, nonsense.channels[2].range[1]) =
         (f32::NAN, f32::NAN, f32::NAN);
+    nonsense.creep = f32::NAN;
     let mut count = 0;
     nonsense.violations(&mut |_| count += 1);
-    assert_eq!(count, 3);
+    assert_eq!(count, 4);
     assert_eq!(broken(&|r| r.tick_rate = 5)[0], Violation { channel: None, what: Fault::TickRate(5) });
     assert_eq!(broken(&|r| r.channels.clear())[0], Violation { channel: None, what: Fault::NoChannels });
-    assert_eq!(broken(&|r| r.creep = f32::NAN).len(), 1);
+    assert_eq!(broken(&|r| r.creep = f32::INFINITY).len(), 1);
     assert_eq!(broken(&|r| r.creep = 0.5)[0], Violation { channel: None, what: Fault::Creep(0.5) });
     assert_eq!(broken(&|r| r.channels[2].start = None), [of(2, Fault::NoStart)]);
     let range = robot.channels[2].range;
@@ -456,6 +458,56 @@ fn any_orders_at_any_time_keep_the_limits() {
         }
         assert_eq!(control.status().ticks, player.status().ticks);
     }
+}
+
+#[test]
+fn servos_creep_from_where_they_are_found_and_motions_wait() {
+    let robot = arms();
+    let mut line = Line::<8, 128>::new();
+    let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+    let found: Vec<f32> = robot.channels.iter().map(|c| 0.8 * c.range[1] + 0.2 * c.range[0]).collect();
+    feeder.play_frames(&wave(&robot, 40), 20, When::Then).unwrap();
+    player.stand_at(&found);
+    assert!(player.angles().zip(&found).all(|(angle, found)| (angle - found).abs() < 1e-4), "where they are");
+    let mut before: Vec<f32> = player.angles().collect();
+    let mut slow = |player: &mut super::Player<'_, 8>, ticks| {
+        for _ in 0..ticks {
+            player.tick();
+            let now: Vec<f32> = player.angles().collect();
+            let most = robot.creep / f32::from(robot.tick_rate) + 1e-4;
+            assert!(now.iter().zip(&before).all(|(a, b)| (a - b).abs() <= most), "faster than creeping");
+            before = now;
+        }
+    };
+    slow(&mut player, 50);
+    assert_eq!((control.start(), control.status().state), (Start::Creeping, State::Returning));
+    control.stop();
+    slow(&mut player, 20);
+    let stopped: Vec<f32> = player.angles().collect();
+    slow(&mut player, 20);
+    assert_eq!((player.angles().collect::<Vec<_>>(), control.status().state), (stopped, State::Stopped));
+    control.resume();
+    feeder.play_frames(&wave(&robot, 40), 20, When::Then).unwrap();
+    let ticks = (0..500).find(|_| {
+        slow(&mut player, 1);
+        control.start() == Start::Ready
+    });
+    assert!(ticks.is_some() && player.angles().all(|angle| angle.abs() < 1e-4), "at neutral");
+    (0..40).for_each(|_| _ = player.tick());
+    assert_eq!((control.status().motions, control.status().state), (1, State::Playing), "what came after the stop");
+
+    // Servos that moved by themselves in mid-motion come back, and the motion goes on.
+    let mut watch = Watch::new(&robot);
+    let off: Vec<f32> = player.angles().map(|angle| angle - 3.0).collect();
+    let frames = control.status().frames;
+    player.stand_at(&off);
+    player.tick();
+    assert_eq!((control.start(), control.status().frames), (Start::Creeping, frames));
+    watch.before = player.angles().map(|angle| [angle, 0.0]).collect();
+    (0..5).for_each(|_| _ = player.tick());
+    watch.before = player.angles().map(|angle| [angle, robot.creep]).collect();
+    play!(player, &robot, watch, 200);
+    assert_eq!((control.start(), control.status().finished), (Start::Ready, 1));
 }
 
 #[test]

@@ -11,6 +11,7 @@
 #![no_std]
 #![no_main]
 
+mod enable;
 mod flash;
 mod i2c;
 mod servos;
@@ -23,7 +24,7 @@ use embassy_executor::InterruptExecutor;
 use embassy_rp::flash::Flash;
 use embassy_rp::interrupt::{self, InterruptExt, Priority};
 use motionette::Model;
-use motionette::playback::output::Pca9685;
+use motionette::playback::output::{Gate, Pca9685};
 use motionette::playback::{Ends, Feeder, Line, Robot};
 use motionette_link::thread::{self, Desk, Note};
 use motionette_link::{Preset, Station, Store, Vitals};
@@ -74,7 +75,12 @@ fn main() -> ! {
     defmt::info!("{}: {} servos, {} ticks a second", robot.name.as_str(), robot.channels.len(), robot.tick_rate);
 
     let bus = i2c::Bus::new(peripherals.I2C0, peripherals.PIN_5, peripherals.PIN_4);
-    servos::start(player, Pca9685::new(bus, 0x40, PULSES));
+    let Some(enable) = enable::Enable::new(robot.output_enable) else {
+        defmt::error!("output_enable: there is no such pin, or it is one of I2C");
+        rest();
+    };
+    // No pulse is given before the link releases the servos.
+    servos::start(player, Gate::new(Pca9685::new(bus, 0x40, PULSES), enable));
 
     let slots = Slots::new(Flash::new_blocking(peripherals.FLASH));
     let store = Store::open(&slots);

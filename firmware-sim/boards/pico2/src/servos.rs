@@ -6,8 +6,9 @@ use critical_section::Mutex;
 use embassy_rp::interrupt::{self, InterruptExt, Priority};
 use embassy_rp::pac;
 use motionette::playback::Player;
-use motionette::playback::output::{Pca9685, Runner};
+use motionette::playback::output::{Gate, Pca9685, Runner};
 
+use crate::enable::Enable;
 use crate::i2c::Bus;
 use crate::{CHANNELS, VITALS};
 
@@ -16,9 +17,12 @@ const BUDGET: u32 = 10_000;
 /// The alarm of timer 0 that ticks; the HAL's time driver has the first.
 const ALARM: usize = 1;
 
+/// The servos' chip, and the pin that lets it give pulses.
+pub type Chip = Gate<Pca9685<Bus>, Enable>;
+
 /// The servos, the alarm's time, and how often it came too late.
 struct Ticker {
-    runner: Runner<'static, Pca9685<Bus>, CHANNELS>,
+    runner: Runner<'static, Chip, CHANNELS>,
     period: u32,
     due: u32,
     missed: u32,
@@ -32,7 +36,7 @@ pub fn microseconds() -> u32 {
 }
 
 /// Begins to tick.
-pub fn start(player: Player<'static, CHANNELS>, chip: Pca9685<Bus>) {
+pub fn start(player: Player<'static, CHANNELS>, chip: Chip) {
     let period = 1_000_000 / u32::from(player.tick_rate());
     let due = microseconds().wrapping_add(period);
     let ticker = Ticker { runner: Runner::new(player, chip), period, due, missed: 0 };

@@ -44,6 +44,7 @@ pub async fn serve(usb: Peri<'static, USB>, store: Store, finish_without_host: b
 
     let action = if finish_without_host { LossAction::Finish } else { LossAction::Hold };
     let mut server = Server::new(store, Silence { after_ms: SILENCE, action });
+    let mut port = server.port();
     let link = async {
         let mut out = Out::new();
         let mut packet = [0; PACKET];
@@ -62,7 +63,7 @@ pub async fn serve(usb: Peri<'static, USB>, store: Store, finish_without_host: b
             // SAFETY: this task runs in the executor of `Shared::INTERRUPT`.
             let served = unsafe {
                 STATION.in_interrupt(|station| {
-                    server.receive(now, bytes, station, &mut out);
+                    server.receive(&mut port, now, bytes, station, &mut out);
                     server.poll(now, station, &mut out);
                 })
             };
@@ -79,6 +80,7 @@ pub async fn serve(usb: Peri<'static, USB>, store: Store, finish_without_host: b
             }
             if !serial.dtr() {
                 // Nobody listens.
+                server.hang_up(&port);
                 out.clear();
             }
         }

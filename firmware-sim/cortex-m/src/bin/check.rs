@@ -19,7 +19,11 @@ use motionette::{
 #[cfg(feature = "playback")]
 use motionette::{
     Motion,
-    playback::{Ends, Line, Robot, RobotError, When, reach},
+    playback::{
+        Ends, Line, Robot, RobotError, When,
+        output::{Runner, Sts3215},
+        reach,
+    },
 };
 
 /// An observer whose answer the optimiser cannot know.
@@ -90,6 +94,47 @@ fn serve(
     Ok(hash)
 }
 
+/// A serial port about which the optimiser knows nothing.
+#[cfg(feature = "playback")]
+struct Port;
+
+#[cfg(feature = "playback")]
+impl embedded_io::ErrorType for Port {
+    type Error = embedded_io::ErrorKind;
+}
+
+#[cfg(feature = "playback")]
+impl embedded_io::Read for Port {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Self::Error> {
+        black_box(bytes);
+        black_box(Ok(1))
+    }
+}
+
+#[cfg(feature = "playback")]
+impl embedded_io::ReadReady for Port {
+    fn read_ready(&mut self) -> Result<bool, Self::Error> {
+        black_box(Ok(true))
+    }
+}
+
+#[cfg(feature = "playback")]
+impl embedded_io::Write for Port {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+        black_box(bytes);
+        black_box(Ok(bytes.len()))
+    }
+
+    fn write_all(&mut self, bytes: &[u8]) -> Result<(), Self::Error> {
+        black_box(bytes);
+        black_box(Ok(()))
+    }
+
+    fn flush(&mut self) -> Result<(), Self::Error> {
+        black_box(Ok(()))
+    }
+}
+
 /// A motion moves servos.
 #[cfg(feature = "playback")]
 #[inline(never)]
@@ -119,6 +164,12 @@ fn play(bytes: &[u8], motion: &Motion<'_>) -> Result<u32, RobotError> {
         player.rewind();
     }
     black_box(player.angles().count());
+    let mut runner = Runner::new(player, Sts3215::new(Port));
+    control.release();
+    for _ in 0..black_box(100) {
+        let _ = black_box(runner.tick(&mut || black_box(0), black_box(5000)));
+    }
+    black_box(runner.bus());
     Ok(control.status().ticks)
 }
 

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use motionette::planning::Planning;
-use motionette_link::message::{Generate, Hello, Length, Status};
+use motionette_link::message::{Command, Generate, Hello, Length, Refinement, Status};
 use serde_json::{Value, json};
 
-use super::{Session, model, report, rest};
+use super::{Interrupt, Session, broken_off, model, report, rest};
 use crate::anchors_file;
 use crate::cli::{bar, say};
 use crate::device::Error;
@@ -23,7 +23,7 @@ pub(super) struct Cmd {
     #[arg(long)]
     seconds: Option<f64>,
     /// Seed of everything that is drawn.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Steps of the sampler; 0 leaves it to the device.
     #[arg(long, default_value_t = 0)]
@@ -31,6 +31,9 @@ pub(super) struct Cmd {
     /// How strongly the text guides; 1 is off and halves the work.
     #[arg(long, default_value_t = Planning::DEFAULT.guidance)]
     guidance: f32,
+    /// How it is bent onto its anchors.
+    #[arg(long, value_enum, default_value_t = Method::Device)]
+    refinement: Method,
     /// Decoder evaluations of the refinement; 0 leaves it to the device.
     #[arg(long, default_value_t = 0)]
     evaluations: u16,
@@ -42,9 +45,34 @@ pub(super) struct Cmd {
     play: bool,
 }
 
+/// Refinement methods by name.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Method {
+    /// The one that the device prefers.
+    Device,
+    /// None: the planner alone sees the anchors.
+    None,
+    /// Quasi-Newton steps, for a few tens of decoder evaluations.
+    Fast,
+    /// RouteSolver as published, for hundreds of them.
+    Published,
+}
+
+impl From<Method> for Refinement {
+    fn from(method: Method) -> Self {
+        match method {
+            Method::Device => Refinement::DEVICE,
+            Method::None => Refinement::NONE,
+            Method::Fast => Refinement::FAST,
+            Method::Published => Refinement::PUBLISHED,
+        }
+    }
+}
+
 impl Cmd {
     pub(super) fn run(self, client: &mut Session, hello: &Hello) -> Result<Value> {
         let request = self.request(hello)?;
+        let interrupt = Interrupt::watch()?;
         let bar = bar(0, "steps");
         let made = client.generate(&request, &mut |status: &Status| {
             if let Some(work) = status.device.work {
@@ -52,15 +80,20 @@ impl Cmd {
                 bar.set_position(u64::from(work.step));
                 bar.set_message(report::stage(work.stage));
             }
+            interrupt.flow()
         });
         bar.finish_and_clear();
-        let made = made?;
+        // What is to play by itself does not, once it is told to hold.
+        let made = made.or_else(|error| broken_off(client, error, &Command::Hold))?;
         let seconds = f64::from(made.frames) / f64::from(model(hello)?.frame_rate.max(1));
         say(&format!("{} frames, {seconds} s, ready on the device", made.frames));
         if let Some(error) = made.control_error {
             say(&format!("{} anchors: {:.2} cm off", request.anchors.len(), 100.0 * error));
         }
-        let played = if self.play { Some(rest(client)?) } else { None };
+        for line in report::made(made.understood.as_ref(), made.strain) {
+            say(&line);
+        }
+        let played = if self.play { Some(rest(client, &interrupt, &Command::Play)?) } else { None };
         Ok(json!({
             "text": self.text,
             "seed": self.seed,
@@ -68,6 +101,8 @@ impl Cmd {
             "seconds": seconds,
             "anchors": request.anchors.len(),
             "control_error_m": made.control_error,
+            "understood": made.understood.as_ref().map(report::understood),
+            "strain": made.strain.map(report::strain),
             "played": played,
             "repeated_requests": client.repeated(),
             "skipped_frames": client.skipped().total(),
@@ -106,6 +141,7 @@ impl Cmd {
             seed: self.seed,
             steps: self.steps,
             guidance: self.guidance,
+            refinement: self.refinement.into(),
             evaluations: self.evaluations,
             anchors: wire,
             play_when_ready: self.play,

@@ -1,17 +1,20 @@
 //! `motionette device`: a robot at the other end of a line.
 
 mod generate;
+mod interrupt;
 mod report;
 mod send_blob;
 mod watch;
 
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand};
-use motionette_link::message::{Command, Hello};
+use motionette_link::Refusal;
+use motionette_link::message::{Command, Hello, Status};
 use serde_json::{Value, json};
 
 use super::say;
-use crate::device::{Client, Options, Transport, open};
+use crate::device::{Client, Error, Options, Transport, open};
+use interrupt::Interrupt;
 
 /// Talks to a robot that runs motionette.
 ///
@@ -24,6 +27,9 @@ pub(super) struct Cmd {
     /// Speed of a UART; USB takes no notice of it.
     #[arg(long, default_value_t = 115_200)]
     baud: u32,
+    /// End another host's session; else it is waited for until it closes its own or falls silent.
+    #[arg(long)]
+    take_over: bool,
     #[command(subcommand)]
     action: Action,
 }
@@ -35,7 +41,7 @@ enum Action {
     Generate(generate::Cmd),
     /// Plays the motion that is ready, and waits for its end.
     Play,
-    /// Emergency stop: movement and work end at once.
+    /// Emergency stop: movement and work end at once, whoever else talks to the robot.
     Stop,
     /// Comes to rest within the motion.
     Hold,
@@ -43,7 +49,9 @@ enum Action {
     Resume,
     /// Moves to the neutral pose.
     Neutral,
-    /// Says how the device stands.
+    /// Lets servos that cannot say where they stand have their first pulses: bring the robot to its start pose before.
+    Release,
+    /// Says how the device stands, whoever else talks to it.
     Status,
     /// Has the model prove that it gives the bits it should.
     SelfTest,
@@ -57,31 +65,47 @@ type Session = Client<Box<dyn Transport>>;
 impl Cmd {
     pub(super) fn run(self) -> Result<Value> {
         let transport = open(&self.port, self.baud)?;
-        if matches!(self.action, Action::Stop) {
-            // Works without a session and leaves another host's alone.
-            return tell(&mut Client::new(transport, Options::default()), &Command::Stop, "stopped");
-        }
-        let (mut client, hello) = Client::connect(transport, Options::default())?;
+        let options = Options { take_over: self.take_over, ..Options::default() };
         match self.action {
-            Action::Hello => {
-                report::say_hello(&hello);
-                Ok(report::hello(&hello))
+            // These work without a session and leave another host's alone.
+            Action::Stop => tell(&mut Client::new(transport, options), &Command::Stop, "stopped"),
+            Action::Status => status(&mut Client::new(transport, options)),
+            action => {
+                let (mut client, hello) = Client::connect(transport, options)?;
+                let result = action.run(&mut client, &hello);
+                client.close();
+                result
             }
-            Action::Generate(cmd) => cmd.run(&mut client, &hello),
-            Action::Play => play(&mut client, &Command::Play),
-            Action::Resume => play(&mut client, &Command::Resume),
-            Action::Stop | Action::Hold => tell(&mut client, &Command::Hold, "holds"),
-            Action::Neutral => play(&mut client, &Command::Neutral),
-            Action::Status => {
-                let status = client.status()?;
-                report::say_status(&status);
-                Ok(report::status(&status))
-            }
-            Action::SelfTest => self_test(&mut client),
-            Action::SendBlob(cmd) => cmd.run(&mut client, &hello),
-            Action::Watch(cmd) => cmd.run(&mut client),
         }
     }
+}
+
+impl Action {
+    fn run(self, client: &mut Session, hello: &Hello) -> Result<Value> {
+        match self {
+            Action::Hello => {
+                report::say_hello(hello);
+                Ok(report::hello(hello))
+            }
+            Action::Generate(cmd) => cmd.run(client, hello),
+            Action::Play => play(client, &Command::Play),
+            Action::Resume => play(client, &Command::Resume),
+            Action::Stop => tell(client, &Command::Stop, "stopped"),
+            Action::Hold => tell(client, &Command::Hold, "holds"),
+            Action::Neutral => play(client, &Command::Neutral),
+            Action::Release => play(client, &Command::Release),
+            Action::Status => status(client),
+            Action::SelfTest => self_test(client),
+            Action::SendBlob(cmd) => cmd.run(client, hello),
+            Action::Watch(cmd) => cmd.run(client),
+        }
+    }
+}
+
+fn status(client: &mut Session) -> Result<Value> {
+    let status = client.status()?;
+    report::say_status(&status);
+    Ok(report::status(&status))
 }
 
 fn tell(client: &mut Session, command: &Command, done: &str) -> Result<Value> {
@@ -92,25 +116,45 @@ fn tell(client: &mut Session, command: &Command, done: &str) -> Result<Value> {
 
 /// Begins a movement and waits for its end.
 fn play(client: &mut Session, command: &Command) -> Result<Value> {
+    let interrupt = Interrupt::watch()?;
     client.tell(command)?;
-    rest(client)
+    rest(client, &interrupt, command)
 }
 
-/// Waits for the end of a movement.
-fn rest(client: &mut Session) -> Result<Value> {
+/// Waits for the end of a movement that `command` has begun. When the program is interrupted, the movement ends.
+fn rest(client: &mut Session, interrupt: &Interrupt, command: &Command) -> Result<Value> {
     let bar = super::bar(0, "frames");
     let mut longest = 0;
-    let state = client.wait_for_rest(&mut |status| {
+    let mut watch = |status: &Status| {
         let left = u64::from(status.device.frames_queued);
         longest = longest.max(left);
         bar.set_length(longest);
         bar.set_position(longest - left);
-    });
+        interrupt.flow()
+    };
+    // A robot on its way to its first or its neutral pose knows no hold.
+    let (state, end) = match command {
+        Command::Neutral | Command::Release => (client.wait_for_rest(&mut watch), Command::Stop),
+        _ => (client.wait_for_motion(&mut watch), Command::Hold),
+    };
     bar.finish_and_clear();
+    let state = state.or_else(|error| broken_off(client, error, &end))?.name();
     let status = client.status()?;
-    let state = state?.name();
     say(&format!("at rest: {state}, {} ticks missed", status.device.missed_ticks));
     Ok(report::status(&status))
+}
+
+/// What becomes of `error`: when it is an interruption, the robot does not go on without its host.
+fn broken_off<T>(client: &mut Session, error: Error, end: &Command) -> Result<T> {
+    if !matches!(error, Error::Interrupted) {
+        return Err(error.into());
+    }
+    match client.tell(end) {
+        Ok(()) if *end == Command::Stop => Err(error).context("the robot was stopped"),
+        Ok(()) => Err(error).context("the robot holds where it is; `motionette device resume` goes on"),
+        Err(Error::Refused(Refusal::NotPlaying)) => Err(error).context("the robot is at rest"),
+        Err(unheard) => Err(unheard).context("interrupted, and the robot goes on: it could not be told"),
+    }
 }
 
 fn self_test(client: &mut Session) -> Result<Value> {
@@ -127,9 +171,9 @@ fn self_test(client: &mut Session) -> Result<Value> {
 
 /// The model's figures, for requests that need them.
 fn model(hello: &Hello) -> Result<&motionette_link::message::ModelInfo> {
-    hello
-        .model
-        .as_ref()
-        .ok_or(crate::device::Error::Refused(motionette_link::Refusal::NoModel))
-        .context("the request needs a model")
+    let none = match hello.refused {
+        Some(refused) if hello.blob.is_none() => Refusal::Unusable(refused.why),
+        _ => Refusal::NoModel,
+    };
+    hello.model.as_ref().ok_or(Error::Refused(none)).context("the request needs a model")
 }

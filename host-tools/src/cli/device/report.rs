@@ -1,9 +1,12 @@
 //! What a device says, in words and as JSON.
 
-use motionette_link::message::{Blob, Event, Hello, LossAction, Stage, Status};
+use motionette_link::message::{
+    Blob, Event, Hello, LossAction, Measure, Owner, RefusedBlob, Stage, Start, Status, Strain, Understood,
+};
 use serde_json::{Value, json};
 
 use crate::cli::say;
+use crate::device::advice_for_start;
 
 /// A stage by name.
 pub fn stage(stage: Stage) -> &'static str {
@@ -30,6 +33,56 @@ pub fn blob(blob: &Blob) -> Value {
     json!({"slot": blob.slot, "sequence": blob.sequence, "length": blob.length, "crc32": format!("{:08x}", blob.crc32)})
 }
 
+fn refused(refused: &RefusedBlob) -> Value {
+    json!({"blob": blob(&refused.blob), "why": refused.why.to_string()})
+}
+
+fn say_refused(refused: &RefusedBlob) {
+    say(&format!("the blob in slot {} is not used: {}", refused.blob.slot, refused.why));
+}
+
+/// What a device understood of a prompt.
+pub fn understood(understood: &Understood) -> Value {
+    json!({"phrase": understood.phrase.as_str(), "score": understood.score})
+}
+
+/// What the anchors ask of a motion.
+pub fn strain(strain: Strain) -> Value {
+    json!({"measure": strain.measure.0, "value": strain.value, "anchor": strain.anchor})
+}
+
+/// A motion that was made, in words.
+pub fn made(understood: Option<&Understood>, strain: Option<Strain>) -> impl Iterator<Item = String> {
+    let understood = understood.map(|it| format!("understood: {} ({:.2})", it.phrase, it.score));
+    let strain = strain.map(|Strain { measure, value, anchor }| match measure {
+        Measure::DISTANCE => format!("anchor {anchor} is missed most, by {:.2} cm", 100.0 * value),
+        _ => format!("anchor {anchor} strains the motion most, by {value:.3}"),
+    });
+    understood.into_iter().chain(strain)
+}
+
+/// How a start stands.
+fn start(start: Start) -> Value {
+    let (state, channel, why) = match start {
+        Start::Reading => ("reading", None, None),
+        Start::Waiting => ("waiting", None, None),
+        Start::Creeping => ("creeping", None, None),
+        Start::Ready => ("ready", None, None),
+        Start::Refused { channel, why } => ("refused", Some(channel), Some(why.to_string())),
+    };
+    json!({"state": state, "channel": channel, "why": why, "hint": advice_for_start(start)})
+}
+
+/// How a start stands, in words, if it has not come to its end, and what to do.
+pub fn say_start(start: Start) {
+    if start != Start::Ready {
+        say(&start.to_string());
+    }
+    if let Some(advice) = advice_for_start(start) {
+        say(&format!("  hint: {advice}"));
+    }
+}
+
 pub fn hello(hello: &Hello) -> Value {
     let limits = &hello.limits;
     json!({
@@ -40,6 +93,7 @@ pub fn hello(hello: &Hello) -> Value {
             "name": model.name.as_str(), "frame_rate": model.frame_rate, "frames": model.frames,
         })),
         "blob": hello.blob.as_ref().map(blob),
+        "refused": hello.refused.as_ref().map(refused),
         "limits": {
             "text_bytes": limits.text_bytes,
             "anchors": limits.anchors,
@@ -63,6 +117,9 @@ pub fn say_hello(hello: &Hello) {
     if let Some(blob) = &hello.blob {
         say(&format!("blob in slot {}: {} bytes, CRC-32 {:08x}", blob.slot, blob.length, blob.crc32));
     }
+    if let Some(refused) = &hello.refused {
+        say_refused(refused);
+    }
     let limits = &hello.limits;
     let (text, anchors, bytes) = (limits.text_bytes, limits.anchors, limits.blob_bytes);
     say(&format!("takes texts of {text} bytes, {anchors} anchors, blobs of {bytes} bytes"));
@@ -74,23 +131,26 @@ pub fn say_hello(hello: &Hello) {
 
 /// An event as an object with its `event` by name.
 pub fn event(event: &Event) -> Value {
-    match *event {
-        Event::Ready { job, frames, control_error } => {
-            json!({"event": "ready", "job": job, "frames": frames, "control_error_m": control_error})
-        }
+    match event {
+        Event::Ready { job, frames, control_error, understood: heard, strain: strained } => json!({
+            "event": "ready", "job": job, "frames": frames, "control_error_m": control_error,
+            "understood": heard.as_ref().map(understood), "strain": strained.map(strain),
+        }),
         Event::Finished => json!({"event": "finished"}),
         Event::Failed { job, why } => json!({"event": "failed", "job": job, "why": why.to_string()}),
         Event::SelfTest { job, passed } => json!({"event": "self-test", "job": job, "passed": passed}),
-        Event::HostLost(action) => json!({"event": "host-lost", "action": loss(action)}),
+        Event::HostLost(action) => json!({"event": "host-lost", "action": loss(*action)}),
+        Event::Start(to) => json!({"event": "start", "start": start(*to)}),
     }
 }
 
 /// An event in words.
 pub fn words(event: &Event) -> String {
-    match *event {
-        Event::Ready { frames, control_error: None, .. } => format!("a motion of {frames} frames is ready"),
-        Event::Ready { frames, control_error: Some(error), .. } => {
-            format!("a motion of {frames} frames is ready, {:.2} cm off its anchors", 100.0 * error)
+    match event {
+        Event::Ready { frames, control_error, understood, strain, .. } => {
+            let off = control_error.map(|error| format!("{:.2} cm off its anchors", 100.0 * error));
+            let more = off.into_iter().chain(made(understood.as_ref(), *strain));
+            more.fold(format!("a motion of {frames} frames is ready"), |line, next| line + ", " + &next)
         }
         Event::Finished => "the motion was played".to_owned(),
         Event::Failed { why, .. } => format!("failed: {why}"),
@@ -99,13 +159,20 @@ pub fn words(event: &Event) -> String {
             Some(false) => "self-test failed".to_owned(),
             None => "the blob carries no self-test".to_owned(),
         },
-        Event::HostLost(action) => format!("the device lost its host: {}", loss(action)),
+        Event::HostLost(action) => format!("the device lost its host: {}", loss(*action)),
+        Event::Start(to) => to.to_string(),
     }
 }
 
 pub fn status(status: &Status) -> Value {
     let device = &status.device;
     json!({
+        "session": match status.owner {
+            Owner::You => "own",
+            Owner::Another => "another host's",
+            Owner::Nobody => "none",
+        },
+        "start": start(device.start),
         "state": device.state.name(),
         "work": device.work.map(|work| json!({
             "job": work.job, "stage": stage(work.stage), "step": work.step, "steps": work.steps,
@@ -117,6 +184,7 @@ pub fn status(status: &Status) -> Value {
         "limited_ticks": device.limited_ticks,
         "bus_faults": device.bus_faults,
         "outcome": status.outcome.as_ref().map(event),
+        "refused": status.refused.as_ref().map(refused),
         "transfer": status.transfer.map(|t| json!({"next": t.next, "length": t.length})),
         "host_lost": status.host_lost.map(loss),
         "skipped": {
@@ -131,9 +199,16 @@ pub fn status(status: &Status) -> Value {
 
 pub fn say_status(status: &Status) {
     let device = &status.device;
+    if status.owner == Owner::Another {
+        say("another host has the robot");
+    }
+    say_start(device.start);
     say(&format!("{}, {} frames queued", device.state.name(), device.frames_queued));
     if let Some(work) = device.work {
         say(&format!("request {}: {}, {} of {}", work.job, stage(work.stage), work.step, work.steps));
+    }
+    if let Some(refused) = &status.refused {
+        say_refused(refused);
     }
     if let Some(transfer) = status.transfer {
         say(&format!("a blob is being transferred: {} of {} bytes", transfer.next, transfer.length));

@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::{Session, report};
+use super::{Interrupt, Session, report};
 use crate::cli::say;
 
 /// How often the device is asked for its state.
@@ -28,10 +28,11 @@ fn seconds(text: &str) -> Result<Duration, String> {
 impl Cmd {
     pub(super) fn run(self, client: &mut Session) -> Result<Value> {
         let end = self.seconds.map(|seconds| Instant::now() + seconds);
+        let interrupt = Interrupt::watch()?;
         let mut events = Vec::new();
         let mut last = client.status()?;
         report::say_status(&last);
-        while end.is_none_or(|end| Instant::now() < end) {
+        while end.is_none_or(|end| Instant::now() < end) && interrupt.flow().is_continue() {
             if let Some(event) = client.event(POLL)? {
                 say(&report::words(&event));
                 events.push(report::event(&event));
@@ -39,6 +40,9 @@ impl Cmd {
             }
             let status = client.status()?;
             let (now, before) = (&status.device, &last.device);
+            if now.start != before.start {
+                report::say_start(now.start);
+            }
             if now.state != before.state {
                 say(now.state.name());
             }

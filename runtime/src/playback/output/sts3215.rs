@@ -113,6 +113,7 @@ struct Guard {
 
 impl Guard {
     /// The limits of a channel, within what the registers can say.
+    #[inline(never)]
     fn of(channel: &Channel) -> Self {
         let ([low, high], [first, last]) = (channel.range, channel.command.map(f32::from));
         let positions = (last - first) / (high - low);
@@ -160,6 +161,7 @@ struct Packet {
 }
 
 impl Packet {
+    #[inline(never)]
     fn new(id: u8, instruction: u8, parameters: &[u8]) -> Self {
         let mut packet = Packet { bytes: heapless::Vec::new() };
         packet.push(&HEADER);
@@ -168,11 +170,13 @@ impl Packet {
         packet
     }
 
+    #[inline(never)]
     fn push(&mut self, bytes: &[u8]) {
         // As long as the longest that is made.
         let _ = self.bytes.extend_from_slice(bytes);
     }
 
+    #[inline(never)]
     fn send<S: Write>(mut self, port: &mut S) -> Result<(), S::Error> {
         // Length and checksum count the instruction, the parameters and one byte more.
         let length = self.bytes.len().saturating_sub(3) as u8;
@@ -252,6 +256,7 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
     }
 
     /// Writes registers of a servo; nobody answers.
+    #[inline(never)]
     fn set(&mut self, id: u8, register: u8, values: &[u8]) -> Result<(), Sts3215Error<S::Error>> {
         let mut packet = Packet::new(BROADCAST, instruction::SYNC_WRITE, &[register, values.len() as u8, id]);
         packet.push(values);
@@ -261,9 +266,9 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
     /// Asks as many servos as must have answered before goals may be sent: the one whose turn it is, and after a silence all.
     #[inline(never)]
     fn check(&mut self, channels: &[Channel], time: &mut Time<'_>) -> Result<(), Sts3215Error<S::Error>> {
-        let count = mine(channels).count();
+        let count = count(channels);
         loop {
-            let Some((index, id)) = mine(channels).nth(self.turn) else {
+            let Some((index, id)) = nth(channels, self.turn) else {
                 self.turn = 0;
                 return Ok(());
             };
@@ -296,6 +301,18 @@ impl<S: Read + ReadReady + Write> Sts3215<S> {
             }
         }
     }
+}
+
+/// How many servos of this bus there are among the robot's.
+#[inline(never)]
+fn count(channels: &[Channel]) -> usize {
+    mine(channels).count()
+}
+
+/// One of them: its channel and its id.
+#[inline(never)]
+fn nth(channels: &[Channel], number: usize) -> Option<(usize, u8)> {
+    mine(channels).nth(number)
 }
 
 /// The servos of this bus among the robot's.

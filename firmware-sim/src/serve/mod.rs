@@ -3,9 +3,11 @@
 //! The same code runs as on the Pico 2, in the same three places: servo ticks (here a thread in real time, on simulated buses and
 //! servos), the link, and the thread that makes motions.
 
+mod hosts;
+
 use std::cell::RefCell;
-use std::io::{ErrorKind, Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::io::Write;
+use std::net::TcpListener;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -30,6 +32,7 @@ use crate::robot::faults::Injector;
 use crate::robot::flash::Flash;
 use crate::robot::hardware::Hardware;
 use crate::robot::simulation::{CHANNELS, FRAMES, wiring};
+use hosts::Hosts;
 
 /// Milliseconds without a word from the host after which it counts as gone.
 const SILENCE: u32 = 5_000;
@@ -47,12 +50,17 @@ pub struct Cmd {
     /// The robot: a preset or a robot.toml.
     #[arg(long, default_value = "upper-body", value_name = "NAME|FILE")]
     robot: String,
-    /// A file that keeps the flash with its two slots; without one, it is new each time and holds the built-in model.
+    /// A file that keeps the flash with its two slots, made anew if there is none and refused if it is anything else; without one, the
+    /// flash is new each time and holds the built-in model.
     #[arg(long, value_name = "FILE")]
     flash: Option<PathBuf>,
     /// Begin with empty slots instead of the built-in model.
     #[arg(long)]
     empty: bool,
+    /// Wait for `motionette device release` where servos cannot say where they stand, as a robot does; else the simulated robot, which
+    /// stands where its description says, is released at once.
+    #[arg(long)]
+    unreleased: bool,
     /// Leave to requests what a Pico 2 would make of them: shorter motions, fewer steps.
     #[arg(long)]
     pico2: bool,
@@ -62,16 +70,18 @@ impl Cmd {
     /// Serves until the process is ended.
     ///
     /// # Errors
-    /// A robot that is refused, a flash file that cannot be read, a port that is taken.
+    /// A robot that is refused, a flash file that is none or cannot be written, a port that is taken.
     pub fn run(self) -> Result<()> {
         let robot = robot_file::load(&self.robot).context("reading the robot")?;
         let mut flash = match &self.flash {
-            Some(path) => Flash::kept_in(path).with_context(|| format!("cannot read {}", path.display()))?,
+            Some(path) => Flash::kept_in(path)?,
             None => Flash::default(),
         };
         if !self.empty && Store::open(&flash).active().is_none() {
             install(&mut flash, default_model::BLOB)?;
         }
+        // A place that cannot be written is found out now, not when a host has sent its blob.
+        flash.keep()?;
         let preset = if self.pico2 { Preset::PICO2 } else { Preset::DESKTOP };
         let listener = TcpListener::bind(("127.0.0.1", self.port))
             .with_context(|| format!("port {} is taken or not allowed: give another --port", self.port))?;
@@ -79,7 +89,7 @@ impl Cmd {
         let mut out = std::io::stdout();
         writeln!(out, "{}: motionette device --port tcp:127.0.0.1:{port} status", robot.name)?;
         out.flush()?;
-        serve(robot, preset, flash, listener)
+        serve(robot, preset, flash, listener, !self.unreleased)
     }
 }
 
@@ -131,18 +141,19 @@ fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Serves one host after the other, until the process ends.
+/// Serves until the process ends.
 ///
 /// # Errors
 /// When the runtime refuses to work.
-fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener) -> Result<()> {
+fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener, released: bool) -> Result<()> {
     // They live as long as the process, as in firmware.
     let robot: &'static Robot = Box::leak(Box::new(robot));
     let line: &'static mut Line<CHANNELS, FRAMES> = Box::leak(Box::default());
     let vitals: &'static Vitals = Box::leak(Box::default());
     let Ends { mut feeder, player, control } = line.split(robot)?;
-    // The simulated robot stands where its description says.
-    control.release();
+    if released {
+        control.release();
+    }
     let store = Store::open(&flash);
     let station = Station::new(&robot.name, preset, control, vitals, Some(flash), &store);
     let station: Shared = Arc::new(Mutex::new(station));
@@ -150,7 +161,7 @@ fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener) -> R
     std::thread::spawn(move || tick(robot, player, vitals));
     let link = Arc::clone(&station);
     std::thread::spawn(move || {
-        if let Err(error) = talk(&listener, &link, store, robot) {
+        if let Err(error) = talk(listener, &link, store, robot) {
             // Without the link nobody can ask for anything.
             say(&format!("error: the link has failed: {error:#}"));
             std::process::exit(1);
@@ -182,61 +193,16 @@ fn tick(robot: &'static Robot, player: Player<'static, CHANNELS>, vitals: &Vital
     }
 }
 
-/// One host after the other.
-fn talk(listener: &TcpListener, station: &Shared, store: Store, robot: &Robot) -> Result<()> {
+/// Serves all hosts.
+fn talk(listener: TcpListener, station: &Shared, store: Store, robot: &Robot) -> Result<()> {
     let action = if robot.finish_without_host { LossAction::Finish } else { LossAction::Hold };
-    let mut server = Server::new(store, Silence { after_ms: SILENCE, action });
-    let started = Instant::now();
-    let mut host: Option<TcpStream> = None;
-    listener.set_nonblocking(true)?;
-    let (mut bytes, mut out) = ([0; 2048], Box::new(heapless::Vec::<u8, 4096>::new()));
-    let mut sequence = server.store().active().map(|blob| blob.sequence);
+    let mut hosts = Hosts::new(listener, Server::new(store, Silence { after_ms: SILENCE, action }))?;
     loop {
-        // The newest host is the one that is served; the one before has lost its session anyway.
-        match listener.accept() {
-            Ok((stream, _)) => {
-                stream.set_nodelay(true)?;
-                stream.set_read_timeout(Some(Duration::from_millis(5)))?;
-                host = Some(stream);
-            }
-            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-            Err(error) => return Err(error).context("accepting a host"),
-        }
-        let count = match host.as_mut().map(|stream| stream.read(&mut bytes)) {
-            Some(Ok(0)) => {
-                host = None;
-                0
-            }
-            Some(Ok(count)) => count,
-            Some(Err(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => 0,
-            Some(Err(_)) => {
-                host = None;
-                0
-            }
-            None => {
-                std::thread::sleep(Duration::from_millis(5));
-                0
-            }
-        };
-        let now = started.elapsed().as_millis() as u64;
-        let mut station = station.lock().unwrap_or_else(PoisonError::into_inner);
-        server.receive(now, &bytes[..count], &mut *station, &mut *out);
-        server.poll(now, &mut *station, &mut *out);
-        let active = server.store().active().map(|blob| blob.sequence);
-        if active != sequence {
-            sequence = active;
-            if let Some(flash) = station.flash() {
-                flash.keep()?;
-            }
-        }
-        drop(station);
-        if !out.is_empty() {
-            if let Some(stream) = &mut host
-                && stream.write_all(&out).is_err()
-            {
-                host = None;
-            }
-            out.clear();
+        let mut device = station.lock().unwrap_or_else(PoisonError::into_inner);
+        let busy = hosts.serve(&mut *device).context("accepting a host")?;
+        drop(device);
+        if !busy {
+            std::thread::sleep(Duration::from_millis(2));
         }
     }
 }

@@ -1,0 +1,73 @@
+//! What a device says of a motion that it has made.
+
+use motionette::perception::text::{UNKNOWN, Words};
+use motionette::{Model, Motion};
+use serde::{Deserialize, Serialize};
+
+use super::PHRASE_BYTES;
+
+/// A phrase: as much of it as fits.
+pub type Phrase = heapless::String<PHRASE_BYTES>;
+
+/// What the device understood of a prompt.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Understood {
+    /// What the motion was made of, in words that the model knows.
+    pub phrase: Phrase,
+    /// How well they stand for the prompt: 1 in full, 0 not at all.
+    pub score: f32,
+}
+
+impl Understood {
+    /// What `model` knows of the words of `text`, in their order, and the share of them that it knows; `None` when it reads no text or
+    /// the text has no words. Words that do not fit a phrase are counted but not named.
+    #[must_use]
+    pub fn of(model: &Model<'_>, text: &str) -> Option<Self> {
+        let vocabulary = model.text()?.encoder()?.vocabulary();
+        let (mut phrase, mut full) = (Phrase::new(), false);
+        let (mut known, mut words) = (0u16, 0u16);
+        for word in Words::new(text) {
+            words = words.saturating_add(1);
+            if vocabulary.id(&word) == UNKNOWN {
+                continue;
+            }
+            known = known.saturating_add(1);
+            let space = if phrase.is_empty() { "" } else { " " };
+            full |= phrase.len() + space.len() + word.as_str().len() > PHRASE_BYTES;
+            if !full {
+                // There is room.
+                let _ = phrase.push_str(space).and_then(|()| phrase.push_str(word.as_str()));
+            }
+        }
+        (words > 0).then(|| Understood { phrase, score: f32::from(known) / f32::from(words) })
+    }
+}
+
+/// How much the anchors ask of the motion, and which of them asks most.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Strain {
+    /// What `value` is.
+    pub measure: Measure,
+    /// How much: 0 is nothing.
+    pub value: f32,
+    /// The anchor that causes most of it, counted in the request's list from 0.
+    pub anchor: u16,
+}
+
+impl Strain {
+    /// Of a motion that was bent onto its anchors: how far it still is from the anchor that it misses most.
+    #[must_use]
+    pub fn of(motion: &Motion<'_>) -> Option<Self> {
+        let after = motion.refinement?.after?;
+        Some(Strain { measure: Measure::DISTANCE, value: after.worst, anchor: after.worst_anchor })
+    }
+}
+
+/// What a strain is measured in: a number, so that a host can read the reply of a device that measures something newer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Measure(pub u8);
+
+impl Measure {
+    /// Distance of the refined motion from the anchor, metres.
+    pub const DISTANCE: Measure = Measure(0);
+}

@@ -1,0 +1,35 @@
+//! How a motion is bent onto its anchors, on the wire.
+
+use motionette::refining::Config;
+use serde::{Deserialize, Serialize};
+
+/// A refinement method: a number, so that a device can say which one it does not know.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Refinement(pub u8);
+
+impl Refinement {
+    /// The one that the device prefers.
+    pub const DEVICE: Refinement = Refinement(0);
+    /// None: the planner alone sees the anchors.
+    pub const NONE: Refinement = Refinement(1);
+    /// Quasi-Newton steps in the coefficients of the anchor intervals, [`Config::fast`].
+    pub const FAST: Refinement = Refinement(2);
+    /// RouteSolver as published, [`Config::published`].
+    pub const PUBLISHED: Refinement = Refinement(3);
+
+    /// Whether this version of the link knows it.
+    #[must_use]
+    pub const fn is_known(self) -> bool {
+        self.0 <= Self::PUBLISHED.0
+    }
+
+    /// The runtime's configuration with a budget of decoder evaluations; `None`: no refinement.
+    #[must_use]
+    pub const fn config(self, evaluations: u16) -> Option<Config> {
+        match self {
+            Self::NONE => None,
+            Self::PUBLISHED => Some(Config { evaluations, ..Config::published(0) }),
+            _ => Some(Config::fast(evaluations)),
+        }
+    }
+}
