@@ -62,8 +62,8 @@ enum mtn_error
     MTN_ERROR_BLOB_TRUNCATED = 11,
     // This is no blob. `found`: its first four bytes; `limit`: those of a blob, both read as little-endian numbers.
     MTN_ERROR_NOT_A_BLOB = 12,
-    // Another format version: convert the model again. `found`: its major version; `limit`: the one that is
-    // understood.
+    // Another format version: `motionette convert OLD.blob -o NEW.blob` lifts an older blob. `found`: its major
+    // version; `limit`: the one that is understood.
     MTN_ERROR_BLOB_VERSION = 13,
     // Lengths in the header contradict each other.
     MTN_ERROR_BLOB_HEADER = 14,
@@ -79,6 +79,12 @@ enum mtn_error
     MTN_ERROR_BLOB_TENSOR = 18,
     // The weights could overflow. `index`: the tensor.
     MTN_ERROR_BLOB_UNBOUNDED = 19,
+    // A section of the manifest is of a kind that came later: the blob needs a newer library; `motionette inspect` on
+    // the desk says which section. `found`: the kind; `limit`: the newest one that is known.
+    MTN_ERROR_BLOB_UNKNOWN = 20,
+    // The blob needs a family that this library was built without; `motionette inspect` on the desk says which kinds
+    // the blob has.
+    MTN_ERROR_BLOB_NOT_LINKED = 21,
     // The arena is too small. `found`: bytes from its first 16-byte boundary; `limit`: bytes the request needs.
     MTN_ERROR_ARENA_TOO_SMALL = 30,
     // Floating point is not in its default state: rounding mode, flush-to-zero or default-NaN bits are set.

@@ -97,7 +97,8 @@ impl<'a> Model<'a> {
             planner = Some(opened);
         }
         // A newer minor version may carry more behind what this one knows.
-        if header.minor <= MINOR {
+        let newer = header.minor > MINOR;
+        if !newer {
             tensors.finish()?;
         }
         Ok(Model {
