@@ -4,26 +4,42 @@
 
 const COLOURS: [&str; 6] = ["#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b"];
 
-/// A line: its name and its points, a step and a value each.
-pub type Line = (String, Vec<(u64, f64)>);
+/// A line of a diagram.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// What it shows.
+    pub name: String,
+    /// Steps and values.
+    pub points: Vec<(u64, f64)>,
+}
 
-/// Diagrams one below the other, each with its title, steps along the bottom.
-pub fn document(steps: u64, panels: &[(&str, Vec<Line>)]) -> String {
+/// One diagram.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Panel {
+    /// What its values are, with their unit.
+    pub title: &'static str,
+    /// Its lines.
+    pub lines: Vec<Line>,
+}
+
+/// Diagrams one below the other, each with its title, `steps` steps along the bottom.
+pub fn document(steps: u64, panels: &[Panel]) -> String {
     let height = 270 * panels.len() + 20;
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 720 {height}\" font-family=\"sans-serif\" font-size=\"12\">\n\
          <rect width=\"720\" height=\"{height}\" fill=\"white\"/>\n",
     );
-    for (index, (title, lines)) in panels.iter().enumerate() {
-        svg += &panel(20.0 + 270.0 * index as f64, title, steps, lines);
+    for (index, panel) in panels.iter().enumerate() {
+        svg += &diagram(20.0 + 270.0 * index as f64, panel, steps);
     }
     svg + "</svg>\n"
 }
 
 /// One diagram, 250 high, its values on a logarithmic axis.
-fn panel(top: f64, title: &str, steps: u64, lines: &[Line]) -> String {
+fn diagram(top: f64, panel: &Panel, steps: u64) -> String {
     let (left, width, height) = (60.0, 500.0, 200.0);
-    let values = lines.iter().flat_map(|(_, points)| points.iter().map(|p| p.1)).filter(|v| *v > 0.0);
+    let Panel { title, lines } = panel;
+    let values = lines.iter().flat_map(|line| line.points.iter().map(|p| p.1)).filter(|v| *v > 0.0);
     let low = values.clone().fold(f64::INFINITY, f64::min);
     let high = values.fold(0.0f64, f64::max);
     if !low.is_finite() {
@@ -42,7 +58,7 @@ fn panel(top: f64, title: &str, steps: u64, lines: &[Line]) -> String {
         svg +=
             &format!("<text x=\"{:.1}\" y=\"{}\" text-anchor=\"middle\">{step}</text>\n", x(step), top + 45.0 + height);
     }
-    for (index, (name, points)) in lines.iter().enumerate() {
+    for (index, Line { name, points }) in lines.iter().enumerate() {
         let colour = COLOURS[index % COLOURS.len()];
         let path: Vec<String> =
             points.iter().map(|(step, value)| format!("{:.1},{:.1}", x(*step), y(*value))).collect();

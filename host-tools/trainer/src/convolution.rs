@@ -4,6 +4,8 @@
 
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 
+use crate::tensor_file::{self, TensorFile};
+
 /// Shape of one convolution. Padding is zero: `dilation` on both sides for kernel 3, one on both sides for kernel 4 with stride 2.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shape {
@@ -29,6 +31,64 @@ impl Shape {
     pub fn parameters(&self) -> usize {
         self.weights() + self.outputs
     }
+}
+
+/// Order of the weights of a convolution in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// `[kernel][in][out]`, as in memory.
+    InputsFirst,
+    /// `[out][in][kernel]`, as torch stores them.
+    Torch,
+}
+
+impl Shape {
+    /// Shape of the weights in a file.
+    fn stored(&self, order: Order) -> [usize; 3] {
+        match order {
+            Order::InputsFirst => [self.kernel, self.inputs, self.outputs],
+            Order::Torch => [self.outputs, self.inputs, self.kernel],
+        }
+    }
+}
+
+/// Values `[a][b][c]` as `[c][b][a]`.
+fn reversed(values: &[f32], [a, b, c]: [usize; 3]) -> Vec<f32> {
+    let row = |k: usize, j: usize| (0..a).map(move |i| values[(i * b + j) * c + k]);
+    (0..c).flat_map(|k| (0..b).flat_map(move |j| row(k, j))).collect()
+}
+
+/// Adds `<name>.weight` and `<name>.bias` of every convolution of a flat vector.
+pub fn store(shapes: &[Shape], mut values: &[f32], order: Order, file: &mut TensorFile) {
+    for shape in shapes {
+        let (own, rest) = values.split_at(shape.parameters());
+        values = rest;
+        let (weight, bias) = own.split_at(shape.weights());
+        let weight = match order {
+            Order::InputsFirst => weight.to_vec(),
+            Order::Torch => reversed(weight, shape.stored(Order::InputsFirst)),
+        };
+        file.insert(format!("{}.weight", shape.name), &shape.stored(order), weight);
+        file.insert(format!("{}.bias", shape.name), &[shape.outputs], bias.to_vec());
+    }
+}
+
+/// The flat vector that [`store`] took.
+///
+/// # Errors
+/// [`tensor_file::Error`] naming the tensor that is missing or does not fit.
+pub fn restore(shapes: &[Shape], order: Order, file: &TensorFile) -> Result<Vec<f32>, tensor_file::Error> {
+    let mut values = Vec::with_capacity(shapes.iter().map(Shape::parameters).sum());
+    for shape in shapes {
+        let sizes = shape.stored(order);
+        let weight = file.values(&format!("{}.weight", shape.name), &sizes)?;
+        match order {
+            Order::InputsFirst => values.extend(weight),
+            Order::Torch => values.extend(reversed(weight, sizes)),
+        }
+        values.extend(file.values(&format!("{}.bias", shape.name), &[shape.outputs])?);
+    }
+    Ok(values)
 }
 
 /// For every value of a flat vector of these convolutions: whether weight decay applies (weights yes, biases no).
@@ -176,6 +236,22 @@ mod tests {
             for (a, b) in y.iter().zip(&expected) {
                 assert!((a - b).abs() < 1e-5, "kernel {kernel} dilation {dilation} time {time}: {a} != {b}");
             }
+        }
+    }
+
+    #[test]
+    fn both_orders_of_a_file_give_the_weights_back() {
+        let shape = Shape { name: "test".into(), inputs: 2, outputs: 3, kernel: 4, dilation: 1 };
+        let values = noise(shape.parameters(), 5);
+        for order in [Order::InputsFirst, Order::Torch] {
+            let mut file = TensorFile::default();
+            store(std::slice::from_ref(&shape), &values, order, &mut file);
+            assert_eq!(restore(std::slice::from_ref(&shape), order, &file).unwrap(), values);
+            // Output 2, input 1, tap 3, by the definition of the order.
+            let (sizes, stored) = &file.tensors["test.weight"];
+            let at = if order == Order::Torch { [2, 1, 3] } else { [3, 1, 2] };
+            let place = (at[0] * sizes[1] + at[1]) * sizes[2] + at[2];
+            assert_eq!(stored[place], values[(3 * 2 + 1) * 3 + 2], "{order:?}");
         }
     }
 

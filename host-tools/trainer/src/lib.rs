@@ -6,11 +6,12 @@
 //! | [`prior`] | text encoder and planner: tokens from text |
 //! | [`control`] | anchors as a condition of a frozen prior |
 //! | [`evaluator`] | the judge of generated motion |
+//! | [`harness`] | what all trainings have in common: options, state, loop, curves, resume |
 //! | [`evaluate`] | tables of figures of generated motion |
 //! | [`convolution`], [`transformer`] | layers on the framework |
 //! | [`optimizer`] | AdamW with averaged weights |
 //! | [`schedule`] | learning rate, end of a run |
-//! | [`run`] | what the commands have in common |
+//! | [`setting`] | settings that are out of range |
 //! | [`chart`] | line diagrams |
 //! | [`normalization`] | mean and deviation of features |
 //! | [`tensor_file`] | named tensors and text as safetensors |
@@ -19,19 +20,20 @@
 //! A run is decided by its configuration, its dataset and the number of steps; all three are part of a checkpoint. Steps do not
 //! depend on what ran before in the same process, so a resumed run gives the same weights as one that was never interrupted.
 
-#![deny(unsafe_code)]
+#![deny(unsafe_code, clippy::too_many_arguments)]
 
 pub mod chart;
 pub mod control;
 pub mod convolution;
 pub mod evaluate;
 pub mod evaluator;
+pub mod harness;
 pub mod normalization;
 pub mod optimizer;
 pub mod prior;
 pub mod random;
-pub mod run;
 pub mod schedule;
+pub mod setting;
 pub mod tensor_file;
 #[cfg(test)]
 mod testing;

@@ -10,6 +10,8 @@ use motionette_host::motion::features::{
     CONTACTS, HEIGHT, PLANAR_VELOCITY, POSITIONS, ROTATIONS, VELOCITIES, YAW_VELOCITY,
 };
 
+use crate::tensor_file::{self, TensorFile};
+
 /// Channels that share a deviation: yaw velocity, planar velocity, height, local positions, rotations, velocities, contacts.
 pub const GROUPS: [Range<usize>; 7] =
     [YAW_VELOCITY..YAW_VELOCITY + 1, PLANAR_VELOCITY, HEIGHT..HEIGHT + 1, POSITIONS, ROTATIONS, VELOCITIES, CONTACTS];
@@ -50,6 +52,21 @@ impl Normalization {
         }
         let narrow = |values: Vec<f64>| values.into_iter().map(|x| x as f32).collect();
         Self { mean: narrow(mean), std: narrow(std) }
+    }
+
+    /// Adds the tensors `mean` and `std`.
+    pub fn store(&self, file: &mut TensorFile) {
+        file.insert("mean", &[self.mean.len()], self.mean.clone());
+        file.insert("std", &[self.std.len()], self.std.clone());
+    }
+
+    /// Takes what [`Self::store`] put there.
+    ///
+    /// # Errors
+    /// [`tensor_file::Error`] naming the tensor that is missing or does not fit.
+    pub fn restored(file: &TensorFile) -> Result<Self, tensor_file::Error> {
+        let channels = |name: &str| file.values(name, &[FEATURES]).map(<[f32]>::to_vec);
+        Ok(Self { mean: channels("mean")?, std: channels("std")? })
     }
 
     /// `(x - mean) / std` for rows `[T][263]`.

@@ -3,6 +3,7 @@
 //! The framework's optimiser clips every tensor by itself and keeps its moments in its own record format. Here all state is four
 //! vectors of the same length, so a checkpoint is a copy of them and a resumed run continues bit for bit.
 
+use crate::setting::{OutOfRange, require};
 use crate::tensor_file::{self, TensorFile};
 
 /// Settings that stay the same during a run.
@@ -27,6 +28,15 @@ impl Settings {
     #[must_use]
     pub fn new(weight_decay: f32, clip: f32, average_decay: f32) -> Self {
         Self { beta1: 0.9, beta2: 0.99, epsilon: 1e-8, weight_decay, clip, average_decay }
+    }
+
+    /// Checks that an update makes sense.
+    ///
+    /// # Errors
+    /// [`OutOfRange`].
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        require((0.0..1.0).contains(&self.average_decay), "average_decay", self.average_decay, "0 to 1")?;
+        require(self.clip > 0.0, "clip", self.clip, "above 0")
     }
 }
 
@@ -62,11 +72,12 @@ impl AdamW {
         }
     }
 
-    /// Takes vectors of `length` that [`Self::store`] put there.
+    /// Takes what [`Self::store`] put there.
     ///
     /// # Errors
-    /// [`tensor_file::Error`] naming the tensor that is missing, of another length, or not finite.
-    pub fn restore(file: &TensorFile, length: usize, updates: u64) -> Result<Self, tensor_file::Error> {
+    /// [`tensor_file::Error`] naming the tensor that is missing, longer or shorter than the parameters, or not finite.
+    pub fn restore(file: &TensorFile, updates: u64) -> Result<Self, tensor_file::Error> {
+        let length = file.tensors.get(VECTORS[0]).map_or(0, |(_, values)| values.len());
         let vector = |name: &str| file.values(name, &[length]).map(<[f32]>::to_vec);
         let [values, first, second, average] = VECTORS.map(vector);
         Ok(Self { values: values?, first: first?, second: second?, average: average?, updates })

@@ -6,6 +6,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::setting::{OutOfRange, require};
+
 /// Course of the learning rate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -18,6 +20,18 @@ pub struct Settings {
     pub decay: f64,
     /// Learning rate at the end as a share of the largest.
     pub final_rate: f32,
+}
+
+impl Settings {
+    /// Checks that the learning rate is one, all along its course.
+    ///
+    /// # Errors
+    /// [`OutOfRange`].
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let rate = self.learning_rate > 0.0 && self.learning_rate <= 0.1;
+        require(rate, "learning_rate", self.learning_rate, "above 0, at most 0.1")?;
+        require((0.0..=1.0).contains(&self.decay), "decay", self.decay, "0 to 1")
+    }
 }
 
 /// The end of a run, once it is known.

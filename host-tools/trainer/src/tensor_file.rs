@@ -63,6 +63,43 @@ pub enum Error {
     Write(#[from] output::Error),
 }
 
+/// Name and version of what a file holds, its metadata entries `format` and `version`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Format {
+    /// What it is.
+    pub name: &'static str,
+    /// Which form of it.
+    pub version: &'static str,
+}
+
+impl Format {
+    /// A file of this format with nothing else in it yet.
+    pub fn file(&self) -> TensorFile {
+        let entries = [("format", self.name), ("version", self.version)];
+        let metadata = entries.map(|(entry, text)| (entry.to_owned(), text.to_owned())).into();
+        TensorFile { metadata, ..TensorFile::default() }
+    }
+
+    /// Reads a file that must be of this format.
+    ///
+    /// # Errors
+    /// Those of [`TensorFile::load`], and [`Error::Metadata`] for another format or version.
+    pub fn load(&self, path: &Path) -> Result<TensorFile, Error> {
+        let file = TensorFile::load(path)?;
+        self.check(&file)?;
+        Ok(file)
+    }
+
+    /// Checks that a file is of this format.
+    ///
+    /// # Errors
+    /// [`Error::Metadata`] with what it is and what it should be.
+    pub fn check(&self, file: &TensorFile) -> Result<(), Error> {
+        file.expect("format", self.name)?;
+        file.expect("version", self.version)
+    }
+}
+
 /// A file in memory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TensorFile {
@@ -74,6 +111,11 @@ pub struct TensorFile {
 }
 
 impl TensorFile {
+    /// Sets a metadata entry.
+    pub fn describe(&mut self, entry: &str, text: String) {
+        self.metadata.insert(entry.to_owned(), text);
+    }
+
     /// Adds a tensor.
     pub fn insert(&mut self, name: impl Into<String>, shape: &[usize], values: Vec<f32>) {
         self.tensors.insert(name.into(), (shape.to_vec(), values));
@@ -146,10 +188,7 @@ impl TensorFile {
     }
 
     /// Checks that entry `entry` is `expected`.
-    ///
-    /// # Errors
-    /// [`Error::Metadata`] with both values.
-    pub fn expect(&self, entry: &str, expected: &str) -> Result<(), Error> {
+    fn expect(&self, entry: &str, expected: &str) -> Result<(), Error> {
         match self.text(entry)? {
             found if found == expected => Ok(()),
             found => Err(self.metadata_error(entry, &format!("is {found:?}, this program reads {expected:?}"))),
@@ -186,9 +225,10 @@ impl TensorFile {
 mod tests {
     use super::*;
 
+    const FORMAT: Format = Format { name: "test", version: "1" };
+
     fn example() -> TensorFile {
-        let mut file = TensorFile::default();
-        file.metadata.insert("format".into(), "test".into());
+        let mut file = FORMAT.file();
         file.insert("b", &[2, 1], vec![1.5, -2.0]);
         file.insert("a", &[3], vec![0.0, 1.0, f32::MIN_POSITIVE]);
         file
@@ -199,10 +239,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.safetensors");
         example().save(&path).unwrap();
-        let back = TensorFile::load(&path).unwrap();
+        let back = FORMAT.load(&path).unwrap();
         assert_eq!(back.tensors, example().tensors);
         assert_eq!(back.values("b", &[2, 1]).unwrap(), [1.5, -2.0]);
-        back.expect("format", "test").unwrap();
     }
 
     #[test]
@@ -214,8 +253,10 @@ mod tests {
         let file = TensorFile::load(&path).unwrap();
         assert!(matches!(file.values("c", &[1]), Err(Error::Tensor { .. })));
         assert!(matches!(file.values("b", &[1, 2]), Err(Error::Tensor { .. })));
-        assert!(matches!(file.expect("format", "other"), Err(Error::Metadata { .. })));
-        assert!(matches!(file.text("version"), Err(Error::Metadata { .. })));
+        for other in [Format { name: "other", ..FORMAT }, Format { version: "2", ..FORMAT }] {
+            assert!(matches!(other.load(&path), Err(Error::Metadata { .. })));
+        }
+        assert!(matches!(file.text("config"), Err(Error::Metadata { .. })));
         let bytes = std::fs::read(&path).unwrap();
         for length in 0..bytes.len() {
             std::fs::write(&path, &bytes[..length]).unwrap();

@@ -1,9 +1,131 @@
-//! A small dataset for tests: a stick figure that walks, turns and swings its arms, every clip in its own way.
+//! What tests of trainings share: a small dataset, command lines, and the proof that a resumed run equals an uninterrupted one.
+
+use std::path::Path;
 
 use motionette_host::dataset::{Builder, Caption, Clip, Dataset, Split};
 use motionette_host::motion::Pose;
 use motionette_host::motion::features::{Options, process};
 use motionette_host::motion::skeleton::{PARENTS, REST_DIRECTIONS};
+
+use crate::harness::{Configuration, Length, Options, Run, State, Training};
+use crate::{prior, tokenizer};
+
+/// Arguments from a command line in which `@` stands for a folder. Of an option that is given twice the second counts.
+pub fn args<A: clap::Args>(folder: &Path, line: &str) -> A {
+    let line = line.replace('@', &format!("{}/", folder.display()));
+    let command = A::augment_args(clap::Command::new("test").no_binary_name(true).args_override_self(true));
+    A::from_arg_matches(&command.try_get_matches_from(line.split_whitespace()).unwrap()).unwrap()
+}
+
+/// Checks that a command fails and that its error, with all causes, says `what`.
+pub fn assert_refused(result: anyhow::Result<()>, what: &str) {
+    let error = format!("{:#}", result.unwrap_err());
+    assert!(error.contains(what), "{what}: {error}");
+}
+
+/// Slope of `value` along parameter `index`: the difference over `h` on either side.
+pub fn slope(value: impl Fn(&[f32]) -> f64, parameters: &[f32], index: usize, h: f32) -> f64 {
+    let at = |h: f32| {
+        let mut moved = parameters.to_vec();
+        moved[index] = parameters[index] + h;
+        value(&moved)
+    };
+    (at(h) - at(-h)) / f64::from(2.0 * h)
+}
+
+/// A dataset `data.mds` and a tokenizer `tokenizer.safetensors` of a few steps.
+pub fn prepare_tokenizer(folder: &Path) {
+    dataset(12, 48).save(folder.join("data.mds")).unwrap();
+    let line = "--data @data.mds --out @tokenizer --preset tiny --steps 30";
+    tokenizer::command::run(&args(folder, line)).unwrap();
+}
+
+/// The same, and a prior `prior.safetensors` of them.
+pub fn prepare_prior(folder: &Path) {
+    prepare_tokenizer(folder);
+    let line = "--data @data.mds --tokenizer @tokenizer.safetensors --out @prior --preset tiny --steps 20";
+    prior::command::run(&args(folder, line)).unwrap();
+}
+
+/// A training that fails before step `at`.
+struct Interrupted<T> {
+    training: T,
+    at: u64,
+}
+
+/// Why an interrupted training fails.
+#[derive(Debug, thiserror::Error)]
+enum Stop<E> {
+    #[error("interrupted")]
+    Interrupted,
+    #[error(transparent)]
+    Training(E),
+}
+
+impl<T: Training> Training for Interrupted<T> {
+    type Config = T::Config;
+    type Step = T::Step;
+    type Means = T::Means;
+    type Error = Stop<T::Error>;
+
+    fn decayed(&self) -> &[bool] {
+        self.training.decayed()
+    }
+
+    fn step(&mut self, state: &mut State<T::Config>) -> Result<T::Step, Self::Error> {
+        if state.step == self.at {
+            return Err(Stop::Interrupted);
+        }
+        self.training.step(state).map_err(Stop::Training)
+    }
+
+    fn evaluate(
+        &self,
+        state: &State<T::Config>,
+        finished: bool,
+    ) -> Result<Option<<T::Config as Configuration>::Evaluation>, Self::Error> {
+        self.training.evaluate(state, finished).map_err(Stop::Training)
+    }
+
+    fn save(
+        &self,
+        state: &State<T::Config>,
+        evaluation: &<T::Config as Configuration>::Evaluation,
+        path: &Path,
+    ) -> Result<(), Self::Error> {
+        self.training.save(state, evaluation, path).map_err(Stop::Training)
+    }
+}
+
+/// A run of 12 steps gives the same files whether it is interrupted and resumed or not. `begin` makes a training and its first state.
+pub fn assert_resumes<T: Training>(begin: impl Fn() -> Run<T>) {
+    let folder = tempfile::tempdir().unwrap();
+    let options = |name: &str| -> Options {
+        args(folder.path(), &format!("--data @none --out @{name}/run --log-every 2 --save-every 2"))
+    };
+    let files = |name: &str| {
+        let read = |extension: &str| std::fs::read(options(name).checkpoint().with_extension(extension)).ok();
+        let mut state = State::<T::Config>::load(&options(name).state_file()).unwrap();
+        state.seconds = 0.0;
+        (["safetensors", "curves.json", "curves.svg"].map(read), state)
+    };
+    let length = Length { steps: Some(12), minutes: None };
+    begin().train(&options("whole"), length).unwrap();
+    let whole = files("whole");
+    assert!(whole.0[0].is_some() && whole.1.step == 12);
+    // Before anything was stored, between two stored states, and at the last steps.
+    for (at, stored) in [(3, 0), (6, 4), (11, 8)] {
+        let Run { training, state } = begin();
+        let error =
+            Run::new(Interrupted { training, at }, state).unwrap().train(&options("parts"), length).unwrap_err();
+        assert_eq!(error.to_string(), "interrupted");
+        let Run { training, state } = begin();
+        let stopped = State::resume(&options("parts").state_file(), &state.config, &state.sources).unwrap();
+        assert_eq!(stopped.step, stored);
+        Run::new(training, stopped).unwrap().train(&options("parts"), length).unwrap();
+        assert!(files("parts") == whole, "interrupted before step {at}");
+    }
+}
 
 /// `clips` clips of up to `frames` frames, lengths differ. Of six clips in a row the fifth is for validation, the sixth for test.
 pub fn dataset(clips: usize, frames: usize) -> Dataset {

@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::convolution::add_gradients;
 use crate::random::Random;
+use crate::setting::{OutOfRange, require};
+use crate::tensor_file::{self, TensorFile};
 
 /// Added to the square of a norm's deviation.
 pub const EPSILON: f64 = 1e-5;
@@ -71,6 +73,20 @@ pub struct Sizes {
     pub layers: usize,
     /// Channels between the two linear layers of a block.
     pub hidden: usize,
+}
+
+impl Sizes {
+    /// Checks that there is such a stack, and that it is no larger than this trainer is meant for.
+    ///
+    /// # Errors
+    /// [`OutOfRange`] about `field`.
+    pub fn check(&self, field: &'static str) -> Result<(), OutOfRange> {
+        let heads = self.heads > 0 && self.width.is_multiple_of(self.heads);
+        let holds = heads && (1..=1024).contains(&self.width) && (1..=16).contains(&self.layers);
+        let holds = holds && (1..=4096).contains(&self.hidden);
+        let allowed = "width 1 to 1024, a multiple of heads; layers 1 to 16; hidden 1 to 4096";
+        require(holds, field, format!("{self:?}"), allowed)
+    }
 }
 
 /// Parameters in their order.
@@ -167,6 +183,25 @@ impl Layout {
         self.parameters.iter().flat_map(|p| std::iter::repeat_n(!p.vector, p.len())).collect()
     }
 
+    /// Adds every parameter of the flat vector as a tensor of its name.
+    pub fn store(&self, values: &[f32], file: &mut TensorFile) {
+        for (parameter, values) in self.split(values) {
+            file.insert(parameter.name.clone(), &parameter.shape(), values.to_vec());
+        }
+    }
+
+    /// The flat vector that [`Self::store`] took.
+    ///
+    /// # Errors
+    /// [`tensor_file::Error`] naming the tensor that is missing or does not fit.
+    pub fn restore(&self, file: &TensorFile) -> Result<Vec<f32>, tensor_file::Error> {
+        let mut values = Vec::with_capacity(self.len());
+        for parameter in &self.parameters {
+            values.extend(file.values(&parameter.name, &parameter.shape())?);
+        }
+        Ok(values)
+    }
+
     /// Name and values of every parameter of the flat vector.
     pub fn split<'v>(&'v self, mut values: &'v [f32]) -> impl Iterator<Item = (&'v Parameter, &'v [f32])> {
         self.parameters.iter().map(move |parameter| {
@@ -188,6 +223,11 @@ impl Dropout {
     /// Of this share, from this stream.
     pub fn new(share: f32, random: Random) -> Self {
         Self { share, random }
+    }
+
+    /// None at all, as when a network is used and not trained.
+    pub fn off() -> Self {
+        Self::new(0.0, Random::new(0, 0))
     }
 
     fn apply(&mut self, x: Tensor<3>) -> Tensor<3> {
@@ -223,18 +263,48 @@ pub fn padding(lengths: &[usize], window: usize, device: &Device) -> Option<Tens
     Some(Tensor::from_data(TensorData::new(values, [lengths.len(), 1, 1, window]), device))
 }
 
-/// Rows that a block looks at, `[B, S, C]`, with the additive mask of their padding.
-pub type Rows<'t> = (&'t Tensor<3>, Option<&'t Tensor<4>>);
+/// Rows that cross-attention looks at.
+#[derive(Clone, Copy)]
+pub struct Rows<'t> {
+    /// `[B, S, C]`.
+    pub rows: &'t Tensor<3>,
+    /// The additive mask of their padding.
+    pub mask: Option<&'t Tensor<4>>,
+}
+
+/// What the blocks of a stack attend to.
+#[derive(Clone, Copy)]
+pub struct Attended<'t> {
+    /// The additive mask of the padding of their own rows.
+    pub mask: Option<&'t Tensor<4>>,
+    /// The rows of another network.
+    pub memory: Option<Rows<'t>>,
+}
+
+impl<'t> Attended<'t> {
+    /// Their own rows alone.
+    pub fn own(mask: Option<&'t Tensor<4>>) -> Self {
+        Self { mask, memory: None }
+    }
+}
+
+/// Keys and values that a guest puts beside those of a block's self-attention.
+pub struct KeysValues {
+    /// Keys, then values, `[B, S, 2 d]`.
+    pub rows: Tensor<3>,
+    /// Additive mask, `[B, 1, 1, S]`.
+    pub mask: Tensor<4>,
+}
 
 /// A further network that has a say in a stack of blocks. What it leaves alone stays as it is.
 pub trait Guest {
     /// The rows before the first block.
-    fn before(&mut self, x: Tensor<3>, _mask: Option<&Tensor<4>>, _memory: Option<Rows<'_>>) -> Tensor<3> {
+    fn before(&mut self, x: Tensor<3>, _attended: Attended<'_>) -> Tensor<3> {
         x
     }
 
-    /// Further keys and values `[B, S, 2 d]` of a block's self-attention, and their additive mask `[B, 1, 1, S]`.
-    fn keys_values(&mut self, _layer: usize) -> Option<(Tensor<3>, Tensor<4>)> {
+    /// Further keys and values of a block's self-attention.
+    fn keys_values(&mut self, _layer: usize) -> Option<KeysValues> {
         None
     }
 
@@ -312,21 +382,20 @@ impl Weights {
         scaled * vector("weight") + vector("bias")
     }
 
-    /// Blocks `prefix.layers.{i}`. `memory` holds the rows that cross-attention looks at.
+    /// Blocks `prefix.layers.{i}`.
     pub fn blocks(
         &self,
         prefix: &str,
         sizes: &Sizes,
         x: Tensor<3>,
-        mask: Option<&Tensor<4>>,
-        memory: Option<Rows<'_>>,
+        attended: Attended<'_>,
         guest: &mut dyn Guest,
         dropout: &mut Dropout,
     ) -> Tensor<3> {
-        let mut x = guest.before(x, mask, memory);
+        let mut x = guest.before(x, attended);
         for layer in 0..sizes.layers {
             let extra = guest.keys_values(layer);
-            x = self.block(&format!("{prefix}.layers.{layer}"), sizes.heads, x, mask, memory, extra, dropout);
+            x = self.block(&format!("{prefix}.layers.{layer}"), sizes.heads, x, attended, extra, dropout);
             x = guest.behind(layer, x);
         }
         x
@@ -338,9 +407,8 @@ impl Weights {
         name: &str,
         heads: usize,
         mut x: Tensor<3>,
-        mask: Option<&Tensor<4>>,
-        memory: Option<Rows<'_>>,
-        extra: Option<(Tensor<3>, Tensor<4>)>,
+        Attended { mask, memory }: Attended<'_>,
+        extra: Option<KeysValues>,
         dropout: &mut Dropout,
     ) -> Tensor<3> {
         let [batch, rows, d] = x.dims();
@@ -350,10 +418,10 @@ impl Weights {
         let part = |i: usize| qkv.clone().narrow(2, i * d, d);
         let h = match extra {
             None => attention(part(0), part(1), part(2), heads, mask),
-            Some((kv, hidden)) => {
-                let more = |i: usize| Tensor::cat(vec![part(1 + i), kv.clone().narrow(2, i * d, d)], 1);
+            Some(extra) => {
+                let more = |i: usize| Tensor::cat(vec![part(1 + i), extra.rows.clone().narrow(2, i * d, d)], 1);
                 let own = mask.cloned().unwrap_or_else(|| Tensor::zeros([batch, 1, 1, rows], &self.device));
-                attention(part(0), more(0), more(1), heads, Some(&Tensor::cat(vec![own, hidden], 3)))
+                attention(part(0), more(0), more(1), heads, Some(&Tensor::cat(vec![own, extra.mask], 3)))
             }
         };
         x = x + dropout.apply(self.linear(&name("attention.out"), h));
@@ -366,11 +434,11 @@ impl Weights {
     }
 
     /// Attention of the normed rows `x` to the rows of a memory, `cross.{q, kv, out}`.
-    pub fn cross(&self, norm: &str, cross: &str, heads: usize, x: Tensor<3>, (memory, mask): Rows<'_>) -> Tensor<3> {
+    pub fn cross(&self, norm: &str, cross: &str, heads: usize, x: Tensor<3>, memory: Rows<'_>) -> Tensor<3> {
         let d = x.dims()[2];
         let q = self.linear(&format!("{cross}.q"), self.norm(norm, x));
-        let kv = self.linear(&format!("{cross}.kv"), memory.clone());
-        let h = attention(q, kv.clone().narrow(2, 0, d), kv.narrow(2, d, d), heads, mask);
+        let kv = self.linear(&format!("{cross}.kv"), memory.rows.clone());
+        let h = attention(q, kv.clone().narrow(2, 0, d), kv.narrow(2, d, d), heads, memory.mask);
         self.linear(&format!("{cross}.out"), h)
     }
 }
@@ -415,8 +483,9 @@ mod tests {
         let x = Tensor::from_data(TensorData::new(x.to_vec(), [batch, window, SIZES.width]), device);
         let memory = Tensor::from_data(TensorData::new(memory.to_vec(), [batch, rows, 4]), device);
         let mask = padding(lengths, window, device);
-        let mut off = Dropout::new(0.0, Random::new(0, 0));
-        let y = weights.blocks("p", &SIZES, x, mask.as_ref(), Some((&memory, None)), &mut (), &mut off);
+        let mut off = Dropout::off();
+        let attended = Attended { mask: mask.as_ref(), memory: Some(Rows { rows: &memory, mask: None }) };
+        let y = weights.blocks("p", &SIZES, x, attended, &mut (), &mut off);
         (weights, y)
     }
 
@@ -460,12 +529,7 @@ mod tests {
         let mut offset = 0;
         for parameter in layout(&SIZES).parameters {
             let index = offset + parameter.len() / 2;
-            let h = 2e-3;
-            let mut moved = values.clone();
-            moved[index] += h;
-            let above = value(&moved);
-            moved[index] = values[index] - h;
-            let slope = (above - value(&moved)) / f64::from(2.0 * h);
+            let slope = crate::testing::slope(value, &values, index, 2e-3);
             let error = (slope - f64::from(gradient[index])).abs();
             assert!(error < 0.01 + 0.03 * slope.abs(), "{}: {slope} {}", parameter.name, gradient[index]);
             offset += parameter.len();

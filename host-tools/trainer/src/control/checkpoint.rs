@@ -6,22 +6,31 @@
 
 use std::path::Path;
 
+use motionette_host::reference::scaffold::Statistics;
 use serde_json::json;
 
-use super::Error;
 use super::config::Config;
-use super::state::{State, restore_statistics, store_statistics};
-use super::training::Frozen;
+use super::frozen::Frozen;
+use super::state::{State, layout, restore_statistics, store_statistics};
 use super::validation::Report;
+use crate::harness::{Configuration, Error};
 use crate::prior::config::MAX_TOKENS;
-use crate::tensor_file::TensorFile;
+use crate::tensor_file::Format;
 use crate::transformer::EPSILON;
-use motionette_host::reference::scaffold::Statistics;
 
-/// Value of `format` in the metadata.
-pub const FORMAT: &str = "motionette-control";
-/// Value of `version` in the metadata.
-pub const VERSION: &str = "1";
+/// Format of the file.
+pub const FORMAT: Format = Format { name: "motionette-control", version: "1" };
+
+/// A control that was trained.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// How.
+    pub config: Config,
+    /// Of the values that anchors fix.
+    pub statistics: Statistics,
+    /// Its parameters in the order of [`layout`].
+    pub parameters: Vec<f32>,
+}
 
 /// Writes the averaged weights of a run whole or not at all, with `report` as their metrics.
 ///
@@ -29,7 +38,7 @@ pub const VERSION: &str = "1";
 /// [`Error::File`].
 pub fn save(state: &State, frozen: &Frozen, path: &Path, report: &Report) -> Result<(), Error> {
     let (config, sources) = (&state.config, &state.sources);
-    let (a, planner) = (&config.architecture, &frozen.config.architecture.planner);
+    let (a, planner) = (&config.architecture, &frozen.prior.config.architecture.planner);
     let facts = json!({
         "max_tokens": MAX_TOKENS,
         "variant": a.variant,
@@ -51,43 +60,28 @@ pub fn save(state: &State, frozen: &Frozen, path: &Path, report: &Report) -> Res
         "data_hash": sources.data_hash,
         "metrics": report,
     });
-    let mut file = TensorFile::default();
-    for (entry, text) in [
-        ("format", FORMAT.to_owned()),
-        ("version", VERSION.to_owned()),
-        ("config", facts.to_string()),
-        ("training", serde_json::to_string(config).unwrap_or_default()),
-    ] {
-        file.metadata.insert(entry.to_owned(), text);
-    }
-    store_statistics(&state.statistics, &mut file);
-    for (parameter, values) in state.layout(frozen).split(&state.optimizer.average) {
-        file.insert(parameter.name.clone(), &parameter.shape(), values.to_vec());
-    }
+    let mut file = FORMAT.file();
+    file.describe("config", facts.to_string());
+    file.describe("training", serde_json::to_string(config).unwrap_or_default());
+    store_statistics(&state.extra, &mut file);
+    state.layout(frozen).store(&state.optimizer.average, &mut file);
     Ok(file.save(path)?)
 }
 
-/// Configuration, statistics and flat weights of a file that [`save`] wrote for these frozen networks.
+/// Reads a file that [`save`] wrote for these frozen networks; `prior` is the hash of the prior's weights.
 ///
 /// # Errors
-/// [`Error::File`] naming the entry or tensor that is missing or does not fit, [`Error::OtherRun`] when it was trained on another prior.
-pub fn load(path: &Path, frozen: &Frozen, prior: &str) -> Result<(Config, Statistics, Vec<f32>), Error> {
-    let file = TensorFile::load(path)?;
-    file.expect("format", FORMAT)?;
-    file.expect("version", VERSION)?;
-    let config: Config = file.parsed("training")?;
-    config.check()?;
+/// [`Error::File`] naming the entry or tensor that is missing or does not fit, [`Error::Setting`] for a configuration out of range,
+/// [`Error::OtherRun`] when it was trained on another prior.
+pub fn load(path: &Path, frozen: &Frozen, prior: &str) -> Result<Checkpoint, Error> {
+    let file = FORMAT.load(path)?;
+    let config = file.parsed::<Config>("training")?.checked()?;
     let facts: Facts = file.parsed("config")?;
     if facts.prior != prior {
         return Err(Error::OtherRun { path: path.to_path_buf(), what: "prior" });
     }
-    let a = &frozen.config.architecture;
-    let layout = super::model::layout(&config.architecture, &a.planner, a.text.width);
-    let mut values = Vec::with_capacity(layout.len());
-    for parameter in &layout.parameters {
-        values.extend(file.values(&parameter.name, &parameter.shape())?);
-    }
-    Ok((config, restore_statistics(&file)?, values))
+    let parameters = layout(&config, frozen).restore(&file)?;
+    Ok(Checkpoint { config, statistics: restore_statistics(&file)?, parameters })
 }
 
 /// Takes the scaffold encoder, and what it suggests, from a file that [`save`] wrote.
@@ -95,9 +89,7 @@ pub fn load(path: &Path, frozen: &Frozen, prior: &str) -> Result<(Config, Statis
 /// # Errors
 /// [`Error::File`] naming the entry or tensor that is missing or of another size.
 pub fn adopt_scaffold(state: &mut State, path: &Path, frozen: &Frozen) -> Result<(), Error> {
-    let file = TensorFile::load(path)?;
-    file.expect("format", FORMAT)?;
-    file.expect("version", VERSION)?;
+    let file = FORMAT.load(path)?;
     let parts = ["frame", "merge", "position", "layers", "norm", "local"].map(|part| format!("control.{part}."));
     let layout = state.layout(frozen);
     let mut rest = &mut state.optimizer.values[..];
@@ -109,7 +101,7 @@ pub fn adopt_scaffold(state: &mut State, path: &Path, frozen: &Frozen) -> Result
         }
     }
     state.optimizer.average.copy_from_slice(&state.optimizer.values);
-    state.statistics = restore_statistics(&file)?;
+    state.extra = restore_statistics(&file)?;
     Ok(())
 }
 

@@ -1,10 +1,17 @@
 //! What a run of control is made of: sizes, variant, anchors, loss, schedule.
 
+use motionette_host::reference::scaffold::Statistics;
 use serde::{Deserialize, Serialize};
 
-use super::Error;
-use crate::schedule;
+use super::curves::{Point, panels};
+use super::state::Sources;
+use super::validation::Report;
+use crate::chart::Panel;
+use crate::harness::{Configuration, Curves, Error, Evaluation};
+use crate::setting::{OutOfRange, require};
+use crate::tensor_file::Format;
 use crate::transformer::Sizes;
+use crate::{optimizer, schedule};
 
 /// How anchors reach the frozen planner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -128,41 +135,45 @@ impl Config {
                 alone: 2,
                 ..nano
             }),
-            _ => Err(Error::UnknownPreset { name: name.to_owned() }),
+            _ => Err(Error::UnknownPreset { name: name.to_owned(), known: "nano or tiny" }),
         }
     }
+}
 
-    /// Checks what the rest of the trainer relies on.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] with the field, its value and what is allowed.
-    pub fn check(&self) -> Result<(), Error> {
-        let require = |holds: bool, field: &'static str, value: String, allowed: &'static str| {
-            if holds { Ok(()) } else { Err(Error::Setting { field, value, allowed }) }
-        };
+impl Configuration for Config {
+    const STATE: Format = Format { name: "motionette-control-state", version: "1" };
+    type Sources = Sources;
+    type Extra = Statistics;
+    type Point = Point;
+    type Evaluation = Evaluation<Report>;
+
+    fn check(&self) -> Result<(), OutOfRange> {
         let Architecture { scaffold, frame_width, rank, .. } = &self.architecture;
-        let heads = scaffold.heads > 0 && scaffold.width.is_multiple_of(scaffold.heads);
-        let holds = heads && (1..=1024).contains(&scaffold.width) && (1..=16).contains(&scaffold.layers);
-        let holds = holds && (1..=4096).contains(&scaffold.hidden);
-        let allowed = "width 1 to 1024, a multiple of heads; layers 1 to 16; hidden 1 to 4096";
-        require(holds, "architecture.scaffold", format!("{scaffold:?}"), allowed)?;
+        scaffold.check("architecture.scaffold")?;
         for (field, value) in [("architecture.frame_width", frame_width), ("architecture.rank", rank)] {
-            require((1..=1024).contains(value), field, value.to_string(), "1 to 1024")?;
+            require((1..=1024).contains(value), field, value, "1 to 1024")?;
         }
-        require((1..=4096).contains(&self.batch), "batch", self.batch.to_string(), "1 to 4096")?;
-        let s = &self.schedule;
-        let rate = s.learning_rate > 0.0 && s.learning_rate <= 0.1 && (0.0..=1.0).contains(&s.decay);
-        require(rate, "schedule", format!("{s:?}"), "learning_rate above 0, at most 0.1; decay 0 to 1")?;
-        require((0.0..1.0).contains(&self.average_decay), "average_decay", self.average_decay.to_string(), "0 to 1")?;
-        require(self.clip > 0.0, "clip", self.clip.to_string(), "above 0")?;
-        require((0.0..0.9).contains(&self.dropout), "dropout", self.dropout.to_string(), "0 to 0.9")?;
+        require((1..=4096).contains(&self.batch), "batch", self.batch, "1 to 4096")?;
+        require((0.0..0.9).contains(&self.dropout), "dropout", self.dropout, "0 to 0.9")?;
         for (field, share) in [("text_dropout", self.text_dropout), ("crops", self.crops), ("joins", self.joins)] {
-            require((0.0..=1.0).contains(&share), field, share.to_string(), "0 to 1")?;
+            require((0.0..=1.0).contains(&share), field, share, "0 to 1")?;
         }
         let counts = !self.anchors.is_empty() && self.anchors.iter().all(|k| (1..=32).contains(k));
         require(counts, "anchors", format!("{:?}", self.anchors), "numbers from 1 to 32, at least one")?;
         let weight = self.anchor_loss >= 0.0 && self.anchor_loss.is_finite();
-        require(weight, "anchor_loss", self.anchor_loss.to_string(), "0 or more")?;
-        require(self.support <= 20, "support", self.support.to_string(), "0 to 20")
+        require(weight, "anchor_loss", self.anchor_loss, "0 or more")?;
+        require(self.support <= 20, "support", self.support, "0 to 20")
+    }
+
+    fn schedule(&self) -> schedule::Settings {
+        self.schedule
+    }
+
+    fn optimizer(&self) -> optimizer::Settings {
+        optimizer::Settings::new(self.weight_decay, self.clip, self.average_decay)
+    }
+
+    fn panels(curves: &Curves<Point, Evaluation<Report>>) -> Vec<Panel> {
+        panels(curves)
     }
 }

@@ -10,7 +10,16 @@ use motionette_host::reference::Anchor;
 /// Distance at which the square goes on as a line, metres.
 pub const KNEE: f32 = 0.25;
 
-/// The loss, square metres, and the frames that it looked at. Adds `weight dL/dx` to `gradient`, which has the motion's frames.
+/// What the loss says of one motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AnchorLoss {
+    /// The sum, square metres.
+    pub loss: f64,
+    /// Frames that it looked at, counted once for every joint.
+    pub frames: usize,
+}
+
+/// The loss of one motion. Adds `weight dL/dx` to `gradient`, which has the motion's frames.
 pub fn anchor_loss(
     motion: &[Pose],
     real: &[Pose],
@@ -18,7 +27,7 @@ pub fn anchor_loss(
     support: usize,
     weight: f32,
     gradient: &mut [Pose],
-) -> (f64, usize) {
+) -> AnchorLoss {
     let mut joints: Vec<usize> = anchors.iter().map(Anchor::joint).collect();
     joints.sort_unstable();
     joints.dedup();
@@ -41,7 +50,7 @@ pub fn anchor_loss(
             }
         }
     }
-    (loss, frames)
+    AnchorLoss { loss, frames }
 }
 
 #[cfg(test)]
@@ -60,7 +69,7 @@ mod tests {
             Anchor { frame: 11, target: Target::Joint { joint: 2, position: [0.0; 3] } },
         ];
         let mut gradient = vec![[[0.0f32; 3]; 22]; 12];
-        let (loss, frames) = anchor_loss(&motion, &real, &anchors, 2, 1.0, &mut gradient);
+        let AnchorLoss { loss, frames } = anchor_loss(&motion, &real, &anchors, 2, 1.0, &mut gradient);
         // Pelvis: frames 0 to 6, of which 0 to 2 belong to the first anchor; joint 2: frames 9 to 11.
         assert_eq!(frames, 7 + 3);
         let of = |square: f64| if square > 0.0625 { 0.5 * square.sqrt() - 0.0625 } else { square };
@@ -70,9 +79,9 @@ mod tests {
         for (t, j, c) in [(0, 0, 0), (2, 0, 1), (3, 0, 1), (6, 0, 0), (7, 0, 0), (10, 2, 2), (8, 2, 2)] {
             let mut moved = motion.clone();
             moved[t][j][c] += 1e-3;
-            let (more, _) = anchor_loss(&moved, &real, &anchors, 2, 1.0, &mut gradient.clone());
+            let more = anchor_loss(&moved, &real, &anchors, 2, 1.0, &mut gradient.clone()).loss;
             moved[t][j][c] -= 2e-3;
-            let (less, _) = anchor_loss(&moved, &real, &anchors, 2, 1.0, &mut gradient.clone());
+            let less = anchor_loss(&moved, &real, &anchors, 2, 1.0, &mut gradient.clone()).loss;
             let slope = (more - less) / 2e-3;
             assert!((slope - f64::from(gradient[t][j][c])).abs() < 2e-3, "{t} {j} {c}: {slope}");
         }

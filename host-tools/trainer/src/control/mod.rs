@@ -6,12 +6,13 @@
 //! | [`anchors`] | anchors drawn from real motion |
 //! | [`model`] | scaffold encoder, AnchorKV, dual context; the baselines |
 //! | [`loss`] | the distance of decoded motion from real motion around anchors |
+//! | [`frozen`] | the prior and the tokenizer, which stay as they are |
 //! | [`training`] | one step |
 //! | [`sampling`] | tokens from these networks, for comparison |
-//! | [`state`] | everything a run needs to go on, as a file |
+//! | [`state`] | what a run belongs to and begins with |
 //! | [`checkpoint`] | the finished control, as a file |
 //! | [`validation`] | figures on motions that were not trained on |
-//! | [`curves`] | the run as JSON and SVG |
+//! | [`curves`] | points and diagrams of a run |
 //! | [`command`] | `motionette-train control` |
 
 pub mod anchors;
@@ -19,6 +20,7 @@ pub mod checkpoint;
 pub mod command;
 pub mod config;
 pub mod curves;
+pub mod frozen;
 pub mod loss;
 pub mod model;
 pub mod sampling;
@@ -28,35 +30,17 @@ mod tests;
 pub mod training;
 pub mod validation;
 
-use std::path::PathBuf;
-
-use crate::{prior, tensor_file, tokenizer};
+use crate::harness;
 
 /// Why control cannot be trained.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// There is no such preset.
-    #[error("there is no preset {name:?}; use nano or tiny")]
-    UnknownPreset {
-        /// Name as given.
-        name: String,
-    },
-    /// A setting is out of range.
-    #[error("{field} is {value}; allowed: {allowed}")]
-    Setting {
-        /// Name of the setting.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// What it may be.
-        allowed: &'static str,
-    },
     /// The prior cannot be used.
     #[error("the prior cannot be used")]
-    Prior(#[from] prior::Error),
+    Prior(#[source] harness::Error),
     /// The tokenizer cannot be used.
     #[error("the tokenizer cannot be used")]
-    Tokenizer(#[from] tokenizer::Error),
+    Tokenizer(#[source] harness::Error),
     /// The prior plans the tokens of another tokenizer.
     #[error(
         "the prior was trained with tokenizer {wanted}, this one is {found}; give the tokenizer it was trained with"
@@ -66,29 +50,6 @@ pub enum Error {
         wanted: String,
         /// Hash of the tokenizer.
         found: String,
-    },
-    /// A variant that has no place in a blob.
-    #[error("{variant} is a baseline for comparison; a checkpoint for the runtime needs variant anchor_kv")]
-    Baseline {
-        /// Its name.
-        variant: String,
-    },
-    /// A checkpoint or state file cannot be used.
-    #[error(transparent)]
-    File(#[from] tensor_file::Error),
-    /// A state file belongs to another run.
-    #[error("{} was written by a run with another {what}; start a new run or give the same {what}", path.display())]
-    OtherRun {
-        /// The state file.
-        path: PathBuf,
-        /// What differs.
-        what: &'static str,
-    },
-    /// The objective is no longer a number.
-    #[error("the objective is not finite at step {step}; lower the learning rate and start from an earlier state")]
-    Diverged {
-        /// The step.
-        step: u64,
     },
     /// Frozen weights are not what they were.
     #[error("the frozen {what} changed during training: {before} before, {after} after; this is a bug")]
@@ -100,7 +61,4 @@ pub enum Error {
         /// Hash after.
         after: String,
     },
-    /// The command line gives the run no end.
-    #[error("give the run an end: --steps N or --minutes M")]
-    NoEnd,
 }

@@ -9,9 +9,8 @@ use motionette_host::reference::scaffold::WIDTH;
 
 use super::config::{Architecture, Variant};
 use crate::prior::config::MAX_TOKENS;
-use crate::random::Random;
 use crate::tokenizer::config::FRAMES_PER_TOKEN;
-use crate::transformer::{Dropout, Guest, Layout, Rows, Sizes, Weights, padding};
+use crate::transformer::{Attended, Dropout, Guest, KeysValues, Layout, Rows, Sizes, Weights, padding};
 
 /// Deviation of position embeddings at the start.
 const EMBEDDING: f64 = 0.1;
@@ -87,16 +86,23 @@ pub struct Anchored<'w> {
     copies: Vec<Tensor<3>>,
 }
 
+/// What the anchors of a batch look like to the scaffold encoder.
+#[derive(Clone, Copy)]
+pub struct Scaffold<'b> {
+    /// Scaffold features of every motion, `[frames][WIDTH]`.
+    pub features: &'b [Vec<f32>],
+    /// Tokens of every motion.
+    pub lengths: &'b [usize],
+}
+
 impl<'w> Anchored<'w> {
-    /// Encodes scaffold features `[frames][WIDTH]` of every motion, `lengths` tokens each.
+    /// Encodes the scaffold of a batch.
     pub fn new(
         architecture: &'w Architecture,
         planner: &'w Sizes,
         weights: &'w Weights,
-        features: &[Vec<f32>],
-        lengths: &[usize],
-        dropout: f32,
-        random: Random,
+        Scaffold { features, lengths }: Scaffold<'_>,
+        mut dropout: Dropout,
     ) -> Self {
         let device = weights.device();
         let (size, window) = (lengths.len(), lengths.iter().copied().max().unwrap_or(1));
@@ -112,8 +118,8 @@ impl<'w> Anchored<'w> {
         let position = weights.rows("control.position", &places).reshape([1, window, architecture.scaffold.width]);
         let h = weights.linear("control.merge", merged) + position;
         let mask = padding(lengths, window, device);
-        let mut dropout = Dropout::new(dropout, random);
-        let h = weights.blocks("control", &architecture.scaffold, h, mask.as_ref(), None, &mut (), &mut dropout);
+        let own = Attended::own(mask.as_ref());
+        let h = weights.blocks("control", &architecture.scaffold, h, own, &mut (), &mut dropout);
         let shares: Vec<f32> =
             lengths.iter().flat_map(|n| (0..window).map(move |i| if i < *n { 1.0 / *n as f32 } else { 0.0 })).collect();
         Self {
@@ -136,16 +142,16 @@ impl Anchored<'_> {
 }
 
 impl Guest for Anchored<'_> {
-    fn before(&mut self, mut x: Tensor<3>, mask: Option<&Tensor<4>>, memory: Option<Rows<'_>>) -> Tensor<3> {
+    fn before(&mut self, mut x: Tensor<3>, attended: Attended<'_>) -> Tensor<3> {
         let w = self.weights;
         if self.architecture.variant == Variant::Copy {
             let [size, _, d] = x.dims();
             let input = w.linear("control.input", self.h.clone());
             let mut copy = x.clone() + Tensor::cat(vec![Tensor::zeros([size, 1, d], w.device()), input], 1);
-            let mut off = Dropout::new(0.0, Random::new(0, 0));
+            let mut off = Dropout::off();
             for layer in 0..self.planner.layers {
                 let name = format!("control.copy.layers.{layer}");
-                copy = w.block(&name, self.planner.heads, copy, mask, memory, None, &mut off);
+                copy = w.block(&name, self.planner.heads, copy, attended, None, &mut off);
                 self.copies.push(w.linear(&format!("control.zero.{layer}"), copy.clone()));
             }
         }
@@ -157,12 +163,13 @@ impl Guest for Anchored<'_> {
         x
     }
 
-    fn keys_values(&mut self, layer: usize) -> Option<(Tensor<3>, Tensor<4>)> {
+    fn keys_values(&mut self, layer: usize) -> Option<KeysValues> {
         if self.architecture.variant != Variant::AnchorKv {
             return None;
         }
         let low = self.weights.linear(&format!("control.anchor.{layer}.down"), self.h.clone());
-        Some((self.weights.linear(&format!("control.anchor.{layer}.kv"), low), self.mask.clone()))
+        let rows = self.weights.linear(&format!("control.anchor.{layer}.kv"), low);
+        Some(KeysValues { rows, mask: self.mask.clone() })
     }
 
     fn behind(&mut self, layer: usize, x: Tensor<3>) -> Tensor<3> {
@@ -170,7 +177,7 @@ impl Guest for Anchored<'_> {
             Variant::AnchorKv => x,
             Variant::Cross => {
                 let name = format!("control.cross.{layer}");
-                let rows = (&self.h, Some(&self.mask));
+                let rows = Rows { rows: &self.h, mask: Some(&self.mask) };
                 let more = self.weights.cross(&format!("{name}.norm"), &name, self.planner.heads, x.clone(), rows);
                 x + more
             }

@@ -5,15 +5,16 @@ use motionette_host::reference::Anchor;
 use motionette_host::reference::scaffold::{self, Statistics};
 use motionette_host::reference::tmd::{Settings, Tmd};
 
+use super::checkpoint::Checkpoint;
 use super::config::Config;
-use super::model::Anchored;
-use super::training::Frozen;
+use super::frozen::Frozen;
+use super::model::{Anchored, Scaffold};
+use super::state::layout;
 use crate::prior::captions::{NONE, Vocabulary};
 use crate::prior::model::{self, Example};
 use crate::prior::training::values;
-use crate::random::Random;
 use crate::tokenizer::config::{FPS, FRAMES_PER_TOKEN};
-use crate::transformer::{Guest, Weights};
+use crate::transformer::{Dropout, Guest, Weights};
 
 /// A control on a device.
 struct Control {
@@ -32,26 +33,24 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// Of frozen networks and what [`super::checkpoint::load`] gave.
-    pub fn new(frozen: Frozen, vocabulary: Vocabulary, control: Option<(Config, Statistics, Vec<f32>)>) -> Self {
+    /// Of frozen networks and a control of them.
+    pub fn new(frozen: Frozen, control: Option<Checkpoint>) -> Self {
         let device = Device::flex();
-        let (prior, _) = frozen.on(&device);
-        let a = &frozen.config.architecture;
-        let control = control.map(|(config, statistics, values)| {
-            let layout = super::model::layout(&config.architecture, &a.planner, a.text.width);
-            Control { weights: Weights::new(&layout, &values, false, &device), config, statistics }
+        let prior = frozen.on(&device).prior;
+        let control = control.map(|Checkpoint { config, statistics, parameters }| {
+            let layout = layout(&config, &frozen);
+            Control { weights: Weights::new(&layout, &parameters, false, &device), config, statistics }
         });
+        let vocabulary = frozen.prior.sources.vocabulary();
         let t = &frozen.tokenizer;
-        let (c, a) = (f64::from(frozen.config.c), f64::from(frozen.config.a));
+        let (c, a) = (f64::from(frozen.prior.config.c), f64::from(frozen.prior.config.a));
         let tmd = Tmd::new(&t.codebook, t.config.architecture.code_dim, c, a);
         Self { frozen, vocabulary, prior, tmd, control }
     }
 
     /// Parameters of the control.
     pub fn parameters(&self) -> usize {
-        let a = &self.frozen.config.architecture;
-        let count = |c: &Control| super::model::layout(&c.config.architecture, &a.planner, a.text.width).len();
-        self.control.as_ref().map_or(0, count)
+        self.control.as_ref().map_or(0, |control| layout(&control.config, &self.frozen).len())
     }
 
     /// `tokens` tokens of a whole motion for a sentence and anchors.
@@ -63,7 +62,7 @@ impl Planner {
         guidance: f32,
         settings: &Settings,
     ) -> Vec<u16> {
-        let a = &self.frozen.config.architecture;
+        let a = &self.frozen.prior.config.architecture;
         let words = self.vocabulary.encode(text, a.max_words);
         let features: Vec<Vec<f32>> = self
             .control
@@ -79,19 +78,18 @@ impl Planner {
                 start_open: false,
                 end_open: false,
             };
-            let lengths = [z.len()];
-            let off = || Random::new(0, 0);
+            let scaffold = Scaffold { features: &features, lengths: &[z.len()] };
             let control = self.control.as_ref().filter(|_| anchored && !anchors.is_empty());
             let mut anchored = control.map(|control| {
                 let architecture = &control.config.architecture;
-                Anchored::new(architecture, &a.planner, &control.weights, &features, &lengths, 0.0, off())
+                Anchored::new(architecture, &a.planner, &control.weights, scaffold, Dropout::off())
             });
             let mut nobody = ();
             let guest: &mut dyn Guest = match &mut anchored {
                 Some(anchored) => anchored,
                 None => &mut nobody,
             };
-            values(&model::forward(a, &self.prior, &[example], guest, 0.0, off()).tokens)
+            values(&model::forward(a, &self.prior, &[example], guest, Dropout::off()).tokens)
         };
         let said = if words.is_empty() { vec![NONE] } else { words };
         let logits = |z: &[u16], time: f64| {

@@ -1,25 +1,19 @@
-//! Everything a run needs to go on, as one file: parameters, moments, averages, step, plan, curves.
-
-use std::path::Path;
+//! What a run belongs to and begins with.
 
 use motionette_host::checkpoint::prior::{codebook_hash, weights_hash};
 use motionette_host::reference::scaffold::{Statistics, VALUES};
-use serde_json::json;
+use serde_json::{Map, Value};
 
 use super::Error;
 use super::config::Config;
-use super::curves::Curves;
+use super::frozen::Frozen;
 use super::model;
-use super::training::Frozen;
-use crate::optimizer::AdamW;
-use crate::schedule::Plan;
-use crate::tensor_file::TensorFile;
+use crate::harness;
+use crate::tensor_file::{self, TensorFile};
 use crate::transformer::Layout;
 
-/// Value of `format` in the metadata.
-pub const FORMAT: &str = "motionette-control-state";
-/// Value of `version` in the metadata.
-pub const VERSION: &str = "1";
+/// A run between two steps; beside the parameters it keeps the statistics of the values that anchors fix.
+pub type State = harness::State<Config>;
 
 /// What a run belongs to.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -37,7 +31,8 @@ pub struct Sources {
 impl Sources {
     /// Of a dataset and frozen networks as they are now.
     pub fn of(data_hash: &str, frozen: &Frozen) -> Self {
-        let named = frozen.layout.split(&frozen.values).map(|(parameter, values)| (parameter.name.as_str(), values));
+        let named =
+            frozen.layout.split(&frozen.prior.parameters).map(|(parameter, values)| (parameter.name.as_str(), values));
         Self {
             data_hash: data_hash.to_owned(),
             tokenizer: codebook_hash(&frozen.tokenizer.codebook),
@@ -62,99 +57,43 @@ impl Sources {
     }
 }
 
-/// A run between two steps.
-#[derive(Clone, Debug, PartialEq)]
-pub struct State {
-    /// Configuration of the run.
-    pub config: Config,
-    /// What it belongs to.
-    pub sources: Sources,
-    /// Of the values that anchors fix.
-    pub statistics: Statistics,
-    /// Steps done.
-    pub step: u64,
-    /// Seconds spent in steps, over all parts of the run.
-    pub seconds: f64,
-    /// The end, once it is known.
-    pub plan: Option<Plan>,
-    /// Parameters, moments, average.
-    pub optimizer: AdamW,
-    /// The course so far.
-    pub curves: Curves,
+impl harness::Sources for Sources {
+    fn difference(&self, other: &Self) -> Option<&'static str> {
+        let what = if self.prior == other.prior { "dataset" } else { "prior" };
+        (self != other).then_some(what)
+    }
 }
 
-fn layout(config: &Config, frozen: &Frozen) -> Layout {
-    let prior = &frozen.config.architecture;
+/// Names and shapes of the parameters of a control of these networks.
+pub fn layout(config: &Config, frozen: &Frozen) -> Layout {
+    let prior = &frozen.prior.config.architecture;
     model::layout(&config.architecture, &prior.planner, prior.text.width)
 }
 
 impl State {
     /// A run that has not begun.
-    pub fn new(config: &Config, sources: Sources, statistics: Statistics, frozen: &Frozen) -> Self {
+    pub fn begin(config: &Config, sources: Sources, statistics: Statistics, frozen: &Frozen) -> Self {
         let prior = |name: &str| {
-            let mut parameters = frozen.layout.split(&frozen.values);
+            let mut parameters = frozen.layout.split(&frozen.prior.parameters);
             parameters.find(|(parameter, _)| parameter.name == name).map(|(_, values)| values)
         };
-        let values = model::initial(&layout(config, frozen), config.seed, prior);
-        Self {
-            config: config.clone(),
-            sources,
-            statistics,
-            step: 0,
-            seconds: 0.0,
-            plan: None,
-            optimizer: AdamW::new(values),
-            curves: Curves::default(),
-        }
+        let parameters = model::initial(&layout(config, frozen), config.seed, prior);
+        Self::new(config.clone(), sources, parameters, statistics)
     }
 
-    /// The parameters' names and shapes.
+    /// Names and shapes of the parameters.
     pub fn layout(&self, frozen: &Frozen) -> Layout {
         layout(&self.config, frozen)
     }
+}
 
-    /// Writes the file whole or not at all.
-    ///
-    /// # Errors
-    /// [`Error::File`].
-    pub fn save(&self, path: &Path) -> Result<(), Error> {
-        let run = json!({
-            "config": self.config,
-            "sources": self.sources,
-            "step": self.step,
-            "seconds": self.seconds,
-            "plan": self.plan,
-            "updates": self.optimizer.updates,
-        });
-        let mut file = TensorFile::default();
-        for (entry, text) in [
-            ("format", FORMAT.to_owned()),
-            ("version", VERSION.to_owned()),
-            ("run", run.to_string()),
-            ("curves", json!(self.curves).to_string()),
-        ] {
-            file.metadata.insert(entry.to_owned(), text);
-        }
-        store_statistics(&self.statistics, &mut file);
-        self.optimizer.store(&mut file);
-        Ok(file.save(path)?)
+impl harness::Extra<Config> for Statistics {
+    fn store(&self, _run: &mut Map<String, Value>, file: &mut TensorFile) {
+        store_statistics(self, file);
     }
 
-    /// Reads a file that [`Self::save`] wrote.
-    ///
-    /// # Errors
-    /// [`Error::File`] naming the entry or tensor that does not fit, [`Error::Setting`] for a configuration out of range.
-    pub fn load(path: &Path, frozen: &Frozen) -> Result<Self, Error> {
-        let file = TensorFile::load(path)?;
-        file.expect("format", FORMAT)?;
-        file.expect("version", VERSION)?;
-        let run: Run = file.parsed("run")?;
-        run.config.check()?;
-        let optimizer = AdamW::restore(&file, layout(&run.config, frozen).len(), run.updates)?;
-        let curves = file.parsed("curves")?;
-        let statistics = restore_statistics(&file)?;
-        let Run { config, sources, step, seconds, plan, .. } = run;
-        Ok(Self { config, sources, statistics, step, seconds, plan, optimizer, curves })
+    fn restore(_config: &Config, file: &TensorFile) -> Result<Self, harness::Error> {
+        Ok(restore_statistics(file)?)
     }
 }
 
@@ -165,18 +104,7 @@ pub(super) fn store_statistics(statistics: &Statistics, file: &mut TensorFile) {
 }
 
 /// Reads what [`store_statistics`] wrote.
-pub(super) fn restore_statistics(file: &TensorFile) -> Result<Statistics, Error> {
-    let values = |name: &str| Ok::<_, Error>(file.values(name, &[VALUES])?.to_vec());
+pub(super) fn restore_statistics(file: &TensorFile) -> Result<Statistics, tensor_file::Error> {
+    let values = |name: &str| file.values(name, &[VALUES]).map(<[f32]>::to_vec);
     Ok(Statistics { mean: values("control.mean")?, std: values("control.std")? })
-}
-
-/// Metadata entry `run`.
-#[derive(serde::Deserialize)]
-struct Run {
-    config: Config,
-    sources: Sources,
-    step: u64,
-    seconds: f64,
-    plan: Option<Plan>,
-    updates: u64,
 }

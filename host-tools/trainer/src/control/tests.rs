@@ -7,144 +7,87 @@ use motionette_host::dataset::Dataset;
 use motionette_host::reference::tmd::{Sampling, Schedule, Settings};
 use motionette_host::reference::{Anchor, Prior, Target};
 
-use super::command::{Args, frozen, run};
-use super::config::Variant;
+use super::command::{Args, run};
+use super::config::Config;
+use super::frozen::Frozen;
 use super::sampling::Planner;
 use super::state::{Sources, State};
-use crate::prior::captions::Vocabulary;
+use super::training::{Corpora, Trainer};
+use crate::harness::Run;
+use crate::prior::corpus::{Material, Words};
 use crate::tokenizer::config::FPS;
-use crate::{prior, testing, tokenizer};
+use crate::{testing, tokenizer};
 
-fn args(folder: &Path) -> Args {
-    Args {
-        data: folder.join("data.mds"),
-        tokenizer: folder.join("tokenizer.safetensors"),
-        prior: folder.join("prior.safetensors"),
-        out: folder.join("control.safetensors"),
-        preset: "tiny".into(),
-        variant: None,
-        scaffold: None,
-        no_context: false,
-        no_anchor_loss: false,
-        set: vec!["schedule.learning_rate=0.01".into(), "schedule.warm_up=3".into(), "average_decay=0.9".into()],
-        seed: None,
-        steps: Some(8),
-        minutes: None,
-        resume: false,
-        log_every: 4,
-        save_every: 1,
-        validate: 2,
-        json: false,
-    }
-}
-
-/// A dataset, a tokenizer of it and a prior of both.
-fn prepare(folder: &Path) {
-    let good = args(folder);
-    testing::dataset(12, 48).save(&good.data).unwrap();
-    let tokenizer = tokenizer::command::Args {
-        data: good.data.clone(),
-        out: good.tokenizer.clone(),
-        preset: "tiny".into(),
-        set: Vec::new(),
-        seed: None,
-        steps: Some(30),
-        minutes: None,
-        resume: false,
-        log_every: 100,
-        save_every: 1,
-        evaluate: None,
-        json: false,
-    };
-    tokenizer::command::run(&tokenizer).unwrap();
-    let prior = prior::command::Args {
-        data: good.data,
-        tokenizer: good.tokenizer,
-        out: good.prior,
-        preset: "tiny".into(),
-        set: Vec::new(),
-        seed: None,
-        steps: Some(20),
-        minutes: None,
-        resume: false,
-        log_every: 100,
-        save_every: 1,
-        json: false,
-    };
-    prior::command::run(&prior).unwrap();
-}
-
-fn state(args: &Args) -> State {
-    let (frozen, _) = frozen(&args.prior, &args.tokenizer).unwrap();
-    State::load(&args.out.with_extension("state.safetensors"), &frozen).unwrap()
+fn args(folder: &Path, more: &str) -> Args {
+    let line = "--data @data.mds --tokenizer @tokenizer.safetensors --prior @prior.safetensors --out @control --preset tiny \
+                --log-every 4 --save-every 1 --validate 2 \
+                --set schedule.learning_rate=0.01 --set schedule.warm_up=3 --set average_decay=0.9";
+    testing::args(folder, &format!("{line} {more}"))
 }
 
 #[test]
 fn every_variant_learns_and_leaves_the_prior_alone() {
     let folder = tempfile::tempdir().unwrap();
-    prepare(folder.path());
+    testing::prepare_prior(folder.path());
     let bytes = |args: &Args| (std::fs::read(&args.prior).unwrap(), std::fs::read(&args.tokenizer).unwrap());
-    let before = bytes(&args(folder.path()));
-    for (variant, context, steps) in [
-        (Variant::AnchorKv, true, 160),
-        (Variant::AnchorKv, false, 20),
-        (Variant::Cross, false, 20),
-        (Variant::Copy, false, 20),
-    ] {
-        let mut args = Args { variant: Some(variant), no_context: !context, steps: Some(steps), ..args(folder.path()) };
-        (args.log_every, args.save_every) = (steps / 4, 100);
+    let before = bytes(&args(folder.path(), ""));
+    for (variant, steps) in
+        [("anchor-kv", 160), ("anchor-kv --no-context", 20), ("cross --no-context", 20), ("copy --no-context", 20)]
+    {
+        let pace = format!("--steps {steps} --log-every {} --save-every 100", steps / 4);
+        let args = args(folder.path(), &format!("--variant {variant} {pace}"));
         run(&args).unwrap();
-        let state = state(&args);
+        let state = State::load(&args.options.state_file()).unwrap();
         let points = &state.curves.points;
         let (early, late) = (points[0].loss, points[points.len() - 1].loss);
-        assert!(steps < 100 || late < 0.9 * early, "{variant:?}: cross-entropy {early} -> {late}");
-        let (_, report) = state.curves.evaluations.last().unwrap();
+        assert!(steps < 100 || late < 0.9 * early, "{variant}: cross-entropy {early} -> {late}");
+        let report = &state.curves.evaluations.last().unwrap().report;
         assert_eq!((report.motions, report.families.len()), (2, 3));
         // The file holds what the run averaged, and the frozen parts are named by what they were and are.
-        let (frozen, _) = frozen(&args.prior, &args.tokenizer).unwrap();
-        let (_, statistics, values) = super::checkpoint::load(&args.out, &frozen, &state.sources.prior).unwrap();
-        assert_eq!((&statistics, &values), (&state.statistics, &state.optimizer.average));
-        let hash = Dataset::load(&args.data).unwrap().hash;
+        let frozen = Frozen::load(&args.prior, &args.tokenizer).unwrap();
+        let trained = super::checkpoint::load(&args.options.checkpoint(), &frozen, &state.sources.prior).unwrap();
+        assert_eq!((&trained.statistics, &trained.parameters), (&state.extra, &state.optimizer.average));
+        let hash = Dataset::load(&args.options.data).unwrap().hash;
         assert_eq!(Sources::of(&hash, &frozen), state.sources);
     }
-    assert_eq!(bytes(&args(folder.path())), before);
+    assert_eq!(bytes(&args(folder.path(), "")), before);
 }
 
 #[test]
 fn a_resumed_run_equals_an_uninterrupted_one() {
     let folder = tempfile::tempdir().unwrap();
-    prepare(folder.path());
-    let whole = args(folder.path());
-    run(&whole).unwrap();
-    let mut uninterrupted = state(&whole);
-    // The clock decides where the fall begins, so the first part has to know the whole length: it begins again by hand.
-    let parts = Args { out: folder.path().join("parts.safetensors"), ..whole.clone() };
-    let path = parts.out.with_extension("state.safetensors");
-    let (frozen, _) = frozen(&parts.prior, &parts.tokenizer).unwrap();
-    let State { config, sources, statistics, plan, .. } = uninterrupted.clone();
-    let fresh = State { plan, ..State::new(&config, sources, statistics, &frozen) };
-    fresh.save(&path).unwrap();
-    run(&Args { resume: true, ..parts.clone() }).unwrap();
-    let mut resumed = state(&parts);
-    (resumed.seconds, uninterrupted.seconds) = (0.0, 0.0);
-    assert_eq!(resumed, uninterrupted);
+    testing::prepare_prior(folder.path());
+    let args = args(folder.path(), "");
+    let config = args.options.configured(Config::preset("tiny").unwrap()).unwrap();
+    let dataset = Dataset::load(&args.options.data).unwrap();
+    let frozen = Frozen::load(&args.prior, &args.tokenizer).unwrap();
+    let words = Words { vocabulary: frozen.prior.sources.vocabulary(), ..Words::of(&dataset) };
+    let material = Material { dataset: &dataset, tokenizer: &frozen.tokenizer, words, max_words: 12 };
+    testing::assert_resumes(|| {
+        let training = material.training().unwrap();
+        let sources = Sources::of(&dataset.hash, &frozen);
+        let state = State::begin(&config, sources, training.statistics(), &frozen);
+        let corpora = Corpora { training, held_out: material.held_out().unwrap(), measured: 2 };
+        Run::new(Trainer::new(&config, &frozen, corpora), state).unwrap()
+    });
 }
 
 /// The trainer's networks and the plain loops of the reference plan the same tokens from the same draws.
 #[test]
 fn the_reference_plans_the_same_tokens() {
     let folder = tempfile::tempdir().unwrap();
-    prepare(folder.path());
-    let args = Args { steps: Some(60), log_every: 60, save_every: 100, ..args(folder.path()) };
+    testing::prepare_prior(folder.path());
+    let args = args(folder.path(), "--steps 60 --log-every 60 --save-every 100");
     run(&args).unwrap();
     let tokenizer = checkpoint::load(&args.tokenizer).unwrap();
     let checkpoint = checkpoint::prior::load(&args.prior).unwrap();
-    let control = checkpoint::control::load(&args.out).unwrap();
+    let control = checkpoint::control::load(&args.options.checkpoint()).unwrap();
     control.check_prior(&checkpoint, &tokenizer).unwrap();
     let reference = Prior::<f32>::new(&checkpoint, &tokenizer).controlled(&control, FPS as f64);
-    let (frozen, sources) = frozen(&args.prior, &args.tokenizer).unwrap();
-    let trained = super::checkpoint::load(&args.out, &frozen, &state(&args).sources.prior).unwrap();
-    let planner = Planner::new(frozen, Vocabulary::new(sources.vocabulary), Some(trained));
+    let frozen = Frozen::load(&args.prior, &args.tokenizer).unwrap();
+    let prior = Sources::of("", &frozen).prior;
+    let trained = super::checkpoint::load(&args.options.checkpoint(), &frozen, &prior).unwrap();
+    let planner = Planner::new(frozen, Some(trained));
     let anchors = [
         Anchor { frame: 3, target: Target::Root([0.1, 0.9, 0.4]) },
         Anchor { frame: 17, target: Target::PlanarRoot([0.3, 0.8]) },
@@ -177,38 +120,21 @@ fn the_reference_plans_the_same_tokens() {
 #[test]
 fn bad_input_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let good = || args(folder.path());
-    assert!(run(&good()).unwrap_err().is::<motionette_host::dataset::Error>(), "no dataset");
-    prepare(folder.path());
-    let refused = |args: Args, what: &str| {
-        let error = format!("{:#}", run(&args).unwrap_err());
-        assert!(error.contains(what), "{what}: {error}");
-    };
-    refused(Args { steps: None, ..good() }, "--minutes");
-    refused(Args { preset: "huge".into(), ..good() }, "huge");
-    refused(Args { set: vec!["charm=1".into()], ..good() }, "charm");
-    refused(Args { set: vec!["anchors=[2,33]".into()], ..good() }, "anchors");
-    refused(Args { set: vec!["anchor_loss=-1".into()], ..good() }, "anchor_loss");
-    refused(Args { prior: good().tokenizer, ..good() }, "prior");
-    refused(Args { resume: true, ..good() }, "cannot read");
-    refused(Args { scaffold: Some(good().prior), ..good() }, "format");
-    run(&good()).unwrap();
-    refused(Args { resume: true, seed: Some(9), ..good() }, "configuration");
-    let other = folder.path().join("other.safetensors");
-    let tokenizer = tokenizer::command::Args {
-        data: good().data,
-        out: other.clone(),
-        preset: "tiny".into(),
-        set: Vec::new(),
-        seed: Some(5),
-        steps: Some(5),
-        minutes: None,
-        resume: false,
-        log_every: 100,
-        save_every: 1,
-        evaluate: None,
-        json: false,
-    };
-    tokenizer::command::run(&tokenizer).unwrap();
-    refused(Args { tokenizer: other, ..good() }, "tokenizer");
+    let folder = folder.path();
+    assert!(run(&args(folder, "--steps 4")).unwrap_err().is::<motionette_host::dataset::Error>(), "no dataset");
+    testing::prepare_prior(folder);
+    let refused = |more: &str, what: &str| testing::assert_refused(run(&args(folder, more)), what);
+    refused("", "--minutes");
+    refused("--steps 4 --preset huge", "huge");
+    refused("--steps 4 --set charm=1", "charm");
+    refused("--steps 4 --set anchors=[2,33]", "anchors");
+    refused("--steps 4 --set anchor_loss=-1", "anchor_loss");
+    refused("--steps 4 --prior @tokenizer.safetensors", "prior");
+    refused("--steps 4 --resume", "cannot read");
+    refused("--steps 4 --scaffold @prior.safetensors", "format");
+    run(&args(folder, "--steps 4")).unwrap();
+    refused("--steps 4 --resume --seed 9", "configuration");
+    let other = "--data @data.mds --out @other --preset tiny --seed 5 --steps 5";
+    tokenizer::command::run(&testing::args(folder, other)).unwrap();
+    refused("--steps 4 --tokenizer @other.safetensors", "tokenizer");
 }

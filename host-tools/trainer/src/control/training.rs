@@ -4,30 +4,32 @@
 //! In the first steps the planner stays out of it: the scaffold encoder learns which tokens anchors alone suggest, `token local(H)` being
 //! their logits. It is then ready to be listened to, and its suggestions lie where the planner's own token embeddings do.
 
+use std::path::Path;
+
 use burn::tensor::activation::softmax;
 use burn::tensor::{Device, Tensor, TensorData};
 use motionette_host::motion::Pose;
 use motionette_host::reference::Anchor;
-use motionette_host::reference::recover::{self, CHANNELS};
+use motionette_host::reference::recover::CHANNELS;
 use motionette_host::reference::scaffold::{self, Statistics};
 
-use super::Error;
-use super::anchors;
 use super::config::{Config, Decoded};
+use super::curves::Point;
+use super::frozen::{Frozen, FrozenNetworks};
 use super::loss::anchor_loss;
-use super::model::Anchored;
-use super::state::State;
-use crate::optimizer::Settings;
+use super::model::{Anchored, Scaffold};
+use super::state::{State, layout};
+use super::validation::{self, Report};
+use super::{anchors, checkpoint};
+use crate::harness::{self, Error, Evaluation, Training, Update};
 use crate::prior::corpus::{Corpus, Labelled};
 use crate::prior::corruption::Metric;
-use crate::prior::training::{Score, cross_entropy, targets, values};
-use crate::prior::{config::Config as PriorConfig, model};
+use crate::prior::training::{Score, Targets, cross_entropy, values};
+use crate::prior::{self, model};
 use crate::random::Random;
-use crate::schedule;
-use crate::tokenizer;
 use crate::tokenizer::config::{FPS, FRAMES_PER_TOKEN};
 use crate::tokenizer::model::{Masks, Network};
-use crate::transformer::{Layout, Weights};
+use crate::transformer::{Dropout, Layout, Weights};
 
 /// Streams of dropout and of anchors lie beside those of the batches.
 const DROPOUT_STREAM: u64 = 1 << 41;
@@ -35,55 +37,6 @@ const ANCHOR_STREAM: u64 = 1 << 42;
 
 /// What remains of the local context when the planner begins to listen: at full size it would drown the tokens.
 const HANDED_OVER: f32 = 0.25;
-
-/// The networks that stay as they are.
-pub struct Frozen {
-    /// The prior's configuration.
-    pub config: PriorConfig,
-    /// The prior's parameters.
-    pub layout: Layout,
-    /// Their values.
-    pub values: Vec<f32>,
-    /// The tokenizer.
-    pub tokenizer: tokenizer::checkpoint::Checkpoint,
-}
-
-impl Frozen {
-    /// Both networks on a device.
-    pub fn on(&self, device: &Device) -> (Weights, Network) {
-        let weights = Weights::new(&self.layout, &self.values, false, device);
-        let architecture = &self.tokenizer.config.architecture;
-        (weights, Network::frozen_decoder(architecture, &self.tokenizer.parameters, CHANNELS, device))
-    }
-
-    /// What the corpus draws for a run of control: whole motions, pieces and joined ones, nothing fixed.
-    pub fn examples(&self, config: &Config) -> PriorConfig {
-        PriorConfig {
-            seed: config.seed,
-            batch: config.batch,
-            text_dropout: config.text_dropout,
-            crops: config.crops,
-            joins: config.joins,
-            fixed: 0.0,
-            ..self.config.clone()
-        }
-    }
-
-    /// Normalised features `[T][CHANNELS]` to joints, and `dJ/djoints` back to them.
-    pub fn joints(&self, y: &[f32]) -> (Vec<f32>, Vec<Pose>) {
-        let n = &self.tokenizer.normalization;
-        let restored = |(i, y): (usize, &f32)| y * n.std[i % CHANNELS] + n.mean[i % CHANNELS];
-        let features: Vec<f32> = y.iter().enumerate().map(restored).collect();
-        let joints = recover::joints(&features, CHANNELS);
-        (features, joints)
-    }
-
-    fn joints_backward(&self, features: &[f32], gradient: &[Pose]) -> Vec<f32> {
-        let std = &self.tokenizer.normalization.std;
-        let d = recover::joints_backward(features, CHANNELS, gradient);
-        d.into_iter().enumerate().map(|(i, d)| d * std[i % CHANNELS]).collect()
-    }
-}
 
 /// A motion with its anchors.
 #[derive(Clone, Debug)]
@@ -131,10 +84,37 @@ pub struct Step {
     pub tokens: Score,
     /// Of the decoded motions.
     pub distance: Distance,
-    /// Learning rate.
-    pub rate: f32,
-    /// Global norm of the gradient.
-    pub gradient_norm: f32,
+    /// What the optimiser did.
+    pub update: Update,
+}
+
+/// Sums over the steps since the last point.
+#[derive(Debug, Default)]
+pub struct Means {
+    tokens: Score,
+    distance: Distance,
+    update: Update,
+}
+
+impl harness::Means<Step, Point> for Means {
+    fn add(&mut self, step: &Step) {
+        self.tokens.add(step.tokens);
+        self.distance.add(step.distance);
+        self.update = step.update;
+    }
+
+    fn point(&self, step: u64) -> Point {
+        let Self { tokens, distance, update } = self;
+        Point {
+            step,
+            rate: update.rate,
+            loss: tokens.loss / tokens.count.max(1.0),
+            accuracy: tokens.right / tokens.count.max(1.0),
+            anchor: distance.loss / distance.motions.max(1.0),
+            error: distance.error / distance.anchors.max(1.0),
+            gradient_norm: update.gradient_norm,
+        }
+    }
 }
 
 /// Code vectors `[B, L, du]` that stand for logits `[B, L, V]`, zero behind `lengths`.
@@ -156,79 +136,88 @@ pub fn embedded(logits: &Tensor<3>, codebook: &Tensor<2>, lengths: &[usize], dec
     u.reshape([size, window, width]) * there
 }
 
-/// A run in memory.
+/// Data and networks of a run.
 pub struct Trainer<'d> {
-    /// What is stored.
-    pub state: State,
-    /// What stays as it is.
-    pub frozen: &'d Frozen,
-    corpus: &'d Corpus<'d>,
-    shown: PriorConfig,
+    frozen: &'d Frozen,
+    corpora: Corpora<'d>,
+    shown: prior::config::Config,
     metric: Metric,
-    prior: Weights,
-    decoder: Network,
-    codebook: Tensor<2>,
-    device: Device,
+    networks: FrozenNetworks,
+    layout: Layout,
     decayed: Vec<bool>,
+    device: Device,
+}
+
+/// What a run learns from and what it is measured on.
+pub struct Corpora<'d> {
+    /// The training split.
+    pub training: Corpus<'d>,
+    /// The validation split, where there is one.
+    pub held_out: Option<Corpus<'d>>,
+    /// Motions of it that are measured, spread evenly.
+    pub measured: usize,
 }
 
 impl<'d> Trainer<'d> {
-    /// A trainer that goes on from `state`.
-    pub fn new(state: State, frozen: &'d Frozen, corpus: &'d Corpus<'d>, metric: Metric) -> Self {
+    /// A trainer of a control of these networks.
+    pub fn new(config: &Config, frozen: &'d Frozen, corpora: Corpora<'d>) -> Self {
         let device = Device::flex().autodiff();
-        let (prior, decoder) = frozen.on(&device);
-        let a = &frozen.tokenizer.config.architecture;
-        let codebook = TensorData::new(frozen.tokenizer.codebook.clone(), [a.codes, a.code_dim]);
+        let layout = layout(config, frozen);
+        let (prior, tokenizer) = (&frozen.prior.config, &frozen.tokenizer);
         Self {
-            decayed: state.layout(frozen).decayed(),
-            shown: frozen.examples(&state.config),
-            codebook: Tensor::from_data(codebook, &device),
-            state,
+            metric: Metric::new(&tokenizer.codebook, tokenizer.config.architecture.code_dim, prior.c, prior.a),
+            networks: frozen.on(&device),
+            shown: frozen.examples(config),
+            decayed: layout.decayed(),
+            layout,
             frozen,
-            corpus,
-            metric,
-            prior,
-            decoder,
+            corpora,
             device,
         }
     }
+}
 
-    /// Draws the step's batch and updates the control.
-    ///
-    /// # Errors
-    /// [`Error::Diverged`] when the objective or its gradient is not finite; the state is then as before the step.
-    pub fn step(&mut self) -> Result<Step, Error> {
-        let (step, config) = (self.state.step, &self.state.config);
-        let layout = self.state.layout(self.frozen);
+impl Training for Trainer<'_> {
+    type Config = Config;
+    type Step = Step;
+    type Means = Means;
+    type Error = Error;
+
+    fn decayed(&self) -> &[bool] {
+        &self.decayed
+    }
+
+    fn step(&mut self, state: &mut State) -> Result<Step, Error> {
+        let (step, config) = (state.step, &state.config);
         if step == config.alone {
-            self.state.optimizer.scale(&layout.named(|name| name.starts_with("control.local.")), HANDED_OVER);
+            state.optimizer.scale(&self.layout.named(|name| name.starts_with("control.local.")), HANDED_OVER);
         }
-        let batch = self.corpus.batch(&self.shown, &self.metric, step);
+        let batch = self.corpora.training.batch(&self.shown, &self.metric, step);
         let mut random = Random::new(config.seed, ANCHOR_STREAM + step);
         let mut anchored = |labelled: &Labelled| {
-            let real = self.corpus.joints(labelled);
+            let real = self.corpora.training.joints(labelled);
             let anchors = anchors::example(&config.anchors, &real, &mut random);
             Anchors { real, anchors }
         };
         let anchors: Vec<Anchors> = batch.iter().map(&mut anchored).collect();
-        let features: Vec<Vec<f32>> = anchors.iter().map(|a| a.features(&self.state.statistics)).collect();
+        let features: Vec<Vec<f32>> = anchors.iter().map(|a| a.features(&state.extra)).collect();
         let lengths: Vec<usize> = batch.iter().map(|l| l.clean.len()).collect();
         let examples: Vec<_> = batch.iter().map(|l| l.example.clone()).collect();
 
-        let weights = Weights::new(&layout, &self.state.optimizer.values, true, &self.device);
-        let architecture = &self.frozen.config.architecture;
-        let random = Random::new(config.seed, DROPOUT_STREAM + step);
-        let (a, planner) = (&config.architecture, &architecture.planner);
-        let mut guest = Anchored::new(a, planner, &weights, &features, &lengths, config.dropout, random);
+        let weights = Weights::new(&self.layout, &state.optimizer.values, true, &self.device);
+        let architecture = &self.frozen.prior.config.architecture;
+        let FrozenNetworks { prior, decoder, codebook } = &self.networks;
+        let dropout = Dropout::new(config.dropout, Random::new(config.seed, DROPOUT_STREAM + step));
+        let scaffold = Scaffold { features: &features, lengths: &lengths };
+        let mut guest = Anchored::new(&config.architecture, &architecture.planner, &weights, scaffold, dropout);
         let alone = step < config.alone;
         let logits = if alone {
-            self.prior.linear("planner.token", guest.suggested())
+            prior.linear("planner.token", guest.suggested())
         } else {
-            let off = Random::new(0, 0);
-            model::forward(architecture, &self.prior, &examples, &mut guest, 0.0, off).tokens
+            model::forward(architecture, prior, &examples, &mut guest, Dropout::off()).tokens
         };
 
-        let (by, _) = targets(&batch);
+        let by = Targets::of(&batch).tokens;
         let mut gradient = values(&logits);
         let tokens = cross_entropy(&mut gradient, &by, 1.0 / by.iter().flatten().count().max(1) as f32);
         let leaf = |values: Vec<f32>, like: &Tensor<3>| {
@@ -237,8 +226,8 @@ impl<'d> Trainer<'d> {
         let mut total = (logits.clone() * leaf(gradient, &logits)).sum();
         let mut distance = Distance::default();
         if config.anchor_loss > 0.0 && !alone {
-            let u = embedded(&logits, &self.codebook, &lengths, config.decoded);
-            let y = decode(&self.decoder, u, &lengths, &self.device);
+            let u = embedded(&logits, codebook, &lengths, config.decoded);
+            let y = decode(decoder, u, &lengths, &self.device);
             let mut gradient = vec![0.0; y.dims().iter().product()];
             let window = y.dims()[1] * CHANNELS;
             // Cross-entropy is a sum over tokens that is divided by their number: so is this.
@@ -247,30 +236,32 @@ impl<'d> Trainer<'d> {
             let rows = y_values.chunks_exact(window).zip(gradient.chunks_exact_mut(window));
             for ((y, gradient), anchors) in rows.zip(&anchors) {
                 let valid = anchors.real.len() * CHANNELS;
-                let (features, joints) = self.frozen.joints(&y[..valid]);
+                let recovered = self.frozen.recovered(&y[..valid]);
+                let joints = &recovered.joints;
                 let mut by_joints = vec![[[0.0; 3]; 22]; joints.len()];
                 let Anchors { real, anchors } = anchors;
-                let (loss, _) = anchor_loss(&joints, real, anchors, config.support, weight, &mut by_joints);
-                let error = anchors.iter().map(|a| a.error(&joints)).sum();
+                let loss = anchor_loss(joints, real, anchors, config.support, weight, &mut by_joints).loss;
+                let error = anchors.iter().map(|a| a.error(joints)).sum();
                 distance.add(Distance { loss, error, anchors: anchors.len() as f64, motions: 1.0 });
-                gradient[..valid].copy_from_slice(&self.frozen.joints_backward(&features, &by_joints));
+                gradient[..valid].copy_from_slice(&self.frozen.recovered_backward(&recovered, &by_joints));
             }
             total = total + (y.clone() * leaf(gradient, &y)).sum();
         }
-        if !(tokens.loss + distance.loss).is_finite() {
-            return Err(Error::Diverged { step });
-        }
-        let mut flat = vec![0.0; self.state.optimizer.values.len()];
+        state.check_finite(tokens.loss + distance.loss)?;
+        let mut flat = vec![0.0; state.optimizer.values.len()];
         weights.collect_gradients(&total.backward(), &mut flat);
+        let update = state.update(&flat, &self.decayed)?;
+        Ok(Step { tokens, distance, update })
+    }
 
-        let settings = Settings::new(config.weight_decay, config.clip, config.average_decay);
-        let rate = schedule::rate(&config.schedule, self.state.plan, step);
-        let gradient_norm = self.state.optimizer.update(&settings, rate, &flat, &self.decayed);
-        if !gradient_norm.is_finite() {
-            return Err(Error::Diverged { step });
-        }
-        self.state.step += 1;
-        Ok(Step { tokens, distance, rate, gradient_norm })
+    fn evaluate(&self, state: &State, _finished: bool) -> Result<Option<Evaluation<Report>>, Error> {
+        let Corpora { held_out, measured, .. } = &self.corpora;
+        let measure = |corpus| validation::measure(state, self.frozen, corpus, &self.metric, *measured);
+        Ok(Some(Evaluation { step: state.step, report: held_out.as_ref().map(measure).unwrap_or_default() }))
+    }
+
+    fn save(&self, state: &State, evaluation: &Evaluation<Report>, path: &Path) -> Result<(), Error> {
+        checkpoint::save(state, self.frozen, path, &evaluation.report)
     }
 }
 

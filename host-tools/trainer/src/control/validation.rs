@@ -1,19 +1,22 @@
 //! How much anchors help to recover clean tokens of motions that were not trained on, and how near the anchors their decoding is.
 
-use burn::tensor::{Device, Tensor, TensorData};
+use std::fmt;
+
+use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
 use super::anchors::{self, EXTREMITIES, FAMILIES, Kind};
 use super::config::Decoded;
-use super::model::Anchored;
+use super::frozen::{Frozen, FrozenNetworks};
+use super::model::{Anchored, Scaffold};
 use super::state::State;
-use super::training::{Anchors, Distance, Frozen, decode, embedded};
+use super::training::{Anchors, Distance, decode, embedded};
 use crate::prior::corpus::{Corpus, Labelled};
 use crate::prior::corruption::Metric;
 use crate::prior::model;
-use crate::prior::training::{Score, cross_entropy, targets, values};
+use crate::prior::training::{Score, Targets, cross_entropy, values};
 use crate::random::Random;
-use crate::transformer::{Guest, Weights};
+use crate::transformer::{Dropout, Guest, Weights};
 use motionette_host::reference::recover::CHANNELS;
 
 /// Times at which motions are corrupted.
@@ -48,12 +51,9 @@ pub struct Report {
 /// Measures the averaged weights of `state` on at most `limit` motions of `corpus`, spread evenly.
 pub fn measure(state: &State, frozen: &Frozen, corpus: &Corpus<'_>, metric: &Metric, limit: usize) -> Report {
     let device = Device::flex();
-    let (prior, decoder) = frozen.on(&device);
+    let FrozenNetworks { prior, decoder, codebook } = frozen.on(&device);
     let weights = Weights::new(&state.layout(frozen), &state.optimizer.average, false, &device);
-    let t = &frozen.tokenizer;
-    let (codes, width) = (t.config.architecture.codes, t.config.architecture.code_dim);
-    let codebook = Tensor::from_data(TensorData::new(t.codebook.clone(), [codes, width]), &device);
-    let architecture = &frozen.config.architecture;
+    let architecture = &frozen.prior.config.architecture;
     let score = |examples: &[Labelled], kind: Kind, guided: bool| -> (Score, Distance) {
         let (mut tokens, mut distance) = (Score::default(), Distance::default());
         for (index, batch) in examples.chunks(32).enumerate() {
@@ -66,17 +66,18 @@ pub fn measure(state: &State, frozen: &Frozen, corpus: &Corpus<'_>, metric: &Met
             let anchors: Vec<Anchors> = batch.iter().map(&mut anchored).collect();
             let lengths: Vec<usize> = batch.iter().map(|l| l.clean.len()).collect();
             let inputs: Vec<_> = batch.iter().map(|l| l.example.clone()).collect();
-            let features: Vec<Vec<f32>> = anchors.iter().map(|a| a.features(&state.statistics)).collect();
-            let (a, off) = (&state.config.architecture, Random::new(0, 0));
-            let mut guest = Anchored::new(a, &architecture.planner, &weights, &features, &lengths, 0.0, off);
+            let features: Vec<Vec<f32>> = anchors.iter().map(|a| a.features(&state.extra)).collect();
+            let scaffold = Scaffold { features: &features, lengths: &lengths };
+            let a = &state.config.architecture;
+            let mut guest = Anchored::new(a, &architecture.planner, &weights, scaffold, Dropout::off());
             let guest: &mut dyn Guest = if guided { &mut guest } else { &mut () };
-            let output = model::forward(architecture, &prior, &inputs, guest, 0.0, Random::new(0, 0));
-            tokens.add(cross_entropy(&mut values(&output.tokens), &targets(batch).0, 1.0));
+            let output = model::forward(architecture, &prior, &inputs, guest, Dropout::off());
+            tokens.add(cross_entropy(&mut values(&output.tokens), &Targets::of(batch).tokens, 1.0));
             let u = embedded(&output.tokens, &codebook, &lengths, Decoded::Straight);
             let y = decode(&decoder, u, &lengths, &device);
             let window = y.dims()[1] * CHANNELS;
             for (y, Anchors { real, anchors }) in values(&y).chunks_exact(window).zip(&anchors) {
-                let (_, joints) = frozen.joints(&y[..real.len() * CHANNELS]);
+                let joints = frozen.recovered(&y[..real.len() * CHANNELS]).joints;
                 let error = anchors.iter().map(|a| a.error(&joints)).sum();
                 distance.add(Distance { loss: 0.0, error, anchors: anchors.len() as f64, motions: 1.0 });
             }
@@ -108,18 +109,20 @@ pub fn measure(state: &State, frozen: &Frozen, corpus: &Corpus<'_>, metric: &Met
     report
 }
 
-/// The report as one line for people.
-pub fn line(report: &Report) -> String {
-    let list = |values: &[f64]| values.iter().map(|v| format!("{v:.3}")).collect::<Vec<_>>().join(" ");
-    let mut line = format!(
-        "validation: {} motions, at t = {}: cross-entropy {} without anchors",
-        report.motions,
-        TIMES.map(|t| t.to_string()).join(" "),
-        list(&report.free)
-    );
-    for f in &report.families {
-        line +=
-            &format!("; {:?} {}, control error {} m (free {})", f.family, list(&f.loss), list(&f.error), list(&f.free));
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |values: &[f64]| values.iter().map(|v| format!("{v:.3}")).collect::<Vec<_>>().join(" ");
+        write!(
+            f,
+            "validation: {} motions, at t = {}: cross-entropy {} without anchors",
+            self.motions,
+            TIMES.map(|t| t.to_string()).join(" "),
+            list(&self.free)
+        )?;
+        for family in &self.families {
+            let Family { family, loss, error, free } = family;
+            write!(f, "; {family:?} {}, control error {} m (free {})", list(loss), list(error), list(free))?;
+        }
+        Ok(())
     }
-    line
 }

@@ -21,10 +21,10 @@ use super::report::{self, Facts};
 use super::sample::judged;
 use super::{generators, prior, real};
 use crate::control;
+use crate::control::frozen::Frozen;
 use crate::control::sampling::Planner;
 use crate::evaluator::judge::Judge;
-use crate::prior::captions::Vocabulary;
-use crate::run::finish;
+use crate::harness::options::finish;
 use crate::tokenizer::config::{FEATURES, FRAMES_PER_TOKEN};
 
 /// Which table.
@@ -191,12 +191,12 @@ fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> any
     let controls: Vec<(String, PathBuf)> = controls.collect::<anyhow::Result<_>>()?;
     let mut planners = Vec::new();
     for (name, file) in &controls {
-        let (frozen, sources) = control::command::frozen(&args.prior, &args.tokenizer)?;
+        let frozen = Frozen::load(&args.prior, &args.tokenizer)?;
         let prior = control::state::Sources::of(&dataset.hash, &frozen).prior;
         let trained = control::checkpoint::load(file, &frozen, &prior)
             .with_context(|| format!("the control {} cannot be used", file.display()))?;
         let key = format!("{name}@{}", file_hash(file)?);
-        planners.push((key, Planner::new(frozen, Vocabulary::new(sources.vocabulary), Some(trained))));
+        planners.push((key, Planner::new(frozen, Some(trained))));
         files.push(file);
     }
     let blob = BlobFile::open(&args.blob)?;

@@ -15,18 +15,21 @@ use super::report::{self, Facts};
 use super::sample::{Judged, Sample};
 use super::{command, generators, real};
 use crate::evaluator::tests as evaluator;
-use crate::prior;
+use crate::harness::Run;
 use crate::random::Random;
 use crate::tokenizer::checkpoint::Checkpoint;
 use crate::tokenizer::config::Config;
 use crate::tokenizer::state::State;
 use crate::tokenizer::training::Trainer;
+use crate::{prior, testing};
 
 /// A tokenizer of a few steps.
 fn tokenizer(dataset: &Dataset) -> Checkpoint {
-    let mut trainer = Trainer::new(State::new(&Config::preset("tiny").unwrap(), &dataset.hash), dataset).unwrap();
-    (0..5).for_each(|_| drop(trainer.step().unwrap()));
-    trainer.checkpoint().unwrap()
+    let config = Config::preset("tiny").unwrap();
+    let trainer = Trainer::new(&config, dataset).unwrap();
+    let mut run = Run::new(trainer, State::begin(&config, &dataset.hash)).unwrap();
+    (0..5).for_each(|_| drop(run.step().unwrap()));
+    run.training.checkpoint(&run.state).unwrap()
 }
 
 fn mean(row: &Row, metric: &str) -> f64 {
@@ -238,22 +241,10 @@ fn generators_replay_and_agree_with_the_decoder() {
     dataset.save(at("data.mds")).unwrap();
     let tokens = tokenizer(&dataset);
     tokens.save(&at("tokenizer.safetensors"), &[]).unwrap();
-    let args = prior::command::Args {
-        data: at("data.mds"),
-        tokenizer: at("tokenizer.safetensors"),
-        out: at("prior.safetensors"),
-        preset: "tiny".into(),
-        set: Vec::new(),
-        seed: None,
-        steps: Some(2),
-        minutes: None,
-        resume: false,
-        log_every: 9,
-        save_every: 9,
-        json: false,
-    };
-    prior::command::run(&args).unwrap();
-    let (first, second) = (checkpoint::load(&args.tokenizer).unwrap(), checkpoint::prior::load(&args.out).unwrap());
+    let line = "--data @data.mds --tokenizer @tokenizer.safetensors --out @prior --preset tiny --steps 2";
+    prior::command::run(&testing::args(folder.path(), line)).unwrap();
+    let (tokenizer, prior) = (at("tokenizer.safetensors"), at("prior.safetensors"));
+    let (first, second) = (checkpoint::load(&tokenizer).unwrap(), checkpoint::prior::load(&prior).unwrap());
     let blob = |hash: String| {
         let card =
             convert::CardText { name: "tiny".into(), licence: String::new(), data: String::new(), checkpoint: hash };
@@ -263,12 +254,12 @@ fn generators_replay_and_agree_with_the_decoder() {
         convert::convert_with_prior(&first, Some(source), options, &[], &card, |_| ()).unwrap().blob
     };
     let hash = |path| checkpoint::file_hash(path).unwrap();
-    std::fs::write(at("model.blob"), blob(format!("{}+{}", hash(&args.tokenizer), hash(&args.out))).bytes()).unwrap();
-    std::fs::write(at("other.blob"), blob(hash(&args.tokenizer)).bytes()).unwrap();
+    std::fs::write(at("model.blob"), blob(format!("{}+{}", hash(&tokenizer), hash(&prior))).bytes()).unwrap();
+    std::fs::write(at("other.blob"), blob(hash(&tokenizer)).bytes()).unwrap();
 
     let codec = Codec::new(tokens);
-    let reference = generators::reference(&args.out, &args.tokenizer, options()).unwrap();
-    let files: [&Path; 2] = [&args.tokenizer, &args.out];
+    let reference = generators::reference(&prior, &tokenizer, options()).unwrap();
+    let files: [&Path; 2] = [&tokenizer, &prior];
     let runtime = generators::runtime(&at("model.blob"), &files, options()).unwrap();
     let prompts = prompts(&dataset, Split::Test);
     for (generate, tolerance) in [(&reference, 1e-3), (&runtime, 0.1)] {

@@ -2,8 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Error;
-use crate::schedule;
+use super::state::{Metrics, Point};
+use crate::chart::Panel;
+use crate::harness::configuration::DatasetHash;
+use crate::harness::{Configuration, Curves, Evaluation};
+use crate::setting::{OutOfRange, require};
+use crate::tensor_file::Format;
+use crate::{optimizer, schedule};
 
 /// Longest motion that is judged, frames; longer ones are cut. One more than a model's 49 tokens.
 pub const MAX_FRAMES: usize = 197;
@@ -80,15 +85,14 @@ impl Default for Config {
     }
 }
 
-impl Config {
-    /// Checks what the rest of the evaluator relies on.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] with the field, its value and what is allowed.
-    pub fn check(&self) -> Result<(), Error> {
-        let require = |holds: bool, field: &'static str, value: String, allowed: &'static str| {
-            if holds { Ok(()) } else { Err(Error::Setting { field, value, allowed }) }
-        };
+impl Configuration for Config {
+    const STATE: Format = Format { name: "motionette-evaluator-state", version: "1" };
+    type Sources = DatasetHash;
+    type Extra = ();
+    type Point = Point;
+    type Evaluation = Evaluation<Metrics>;
+
+    fn check(&self) -> Result<(), OutOfRange> {
         for (field, size) in [
             ("width", self.width),
             ("hidden", self.hidden),
@@ -96,20 +100,26 @@ impl Config {
             ("max_words", self.max_words),
             ("embedding", self.embedding),
         ] {
-            require((1..=1024).contains(&size), field, size.to_string(), "1 to 1024")?;
+            require((1..=1024).contains(&size), field, size, "1 to 1024")?;
         }
-        require((2..=4096).contains(&self.batch), "batch", self.batch.to_string(), "2 to 4096")?;
+        require((2..=4096).contains(&self.batch), "batch", self.batch, "2 to 4096")?;
         for (field, share) in [("dropout", self.dropout), ("tempo", self.tempo)] {
-            require((0.0..=0.5).contains(&share), field, share.to_string(), "0 to 0.5")?;
+            require((0.0..=0.5).contains(&share), field, share, "0 to 0.5")?;
         }
         let shares = self.cropped >= 0.0 && self.joined >= 0.0 && self.cropped + self.joined <= 1.0;
         require(shares, "cropped", format!("{} beside joined {}", self.cropped, self.joined), "0 to 1 together")?;
-        let rate = self.schedule.learning_rate;
-        require(rate > 0.0 && rate <= 0.1, "schedule.learning_rate", rate.to_string(), "above 0, at most 0.1")?;
-        let decay = self.schedule.decay;
-        require((0.0..=1.0).contains(&decay), "schedule.decay", decay.to_string(), "0 to 1")?;
-        require(self.temperature > 0.0, "temperature", self.temperature.to_string(), "above 0")?;
-        require((0.0..1.0).contains(&self.average_decay), "average_decay", self.average_decay.to_string(), "0 to 1")?;
-        require(self.clip > 0.0, "clip", self.clip.to_string(), "above 0")
+        require(self.temperature > 0.0, "temperature", self.temperature, "above 0")
+    }
+
+    fn schedule(&self) -> schedule::Settings {
+        self.schedule
+    }
+
+    fn optimizer(&self) -> optimizer::Settings {
+        optimizer::Settings::new(self.weight_decay, self.clip, self.average_decay)
+    }
+
+    fn panels(_curves: &Curves<Point, Evaluation<Metrics>>) -> Vec<Panel> {
+        Vec::new()
     }
 }

@@ -171,7 +171,7 @@ impl Corpus {
             contents.push(example.content);
             styles.push(example.style);
         }
-        let (features, lengths) = padded(&motions);
+        let Padded { features, lengths } = padded(&motions);
         Ok(Batch { features, lengths, sentences, contents, styles })
     }
 
@@ -205,13 +205,21 @@ fn cropped(joints: &[Pose], tempo: f64, random: &mut Random) -> Vec<Pose> {
     motion::at_tempo(&joints[start..start + length], 1.0 + tempo * random.symmetric())
 }
 
-/// Rows of features, one motion after another, padded with zeros to the longest, rounded up to a multiple of 8; and their lengths.
-pub(super) fn padded(motions: &[Vec<f32>]) -> (Vec<f32>, Vec<usize>) {
+/// Motions of one batch.
+pub(super) struct Padded {
+    /// `[B][window][263]`, zero beyond a motion's end; the window is the longest length, rounded up to a multiple of 8.
+    pub(super) features: Vec<f32>,
+    /// `[B]` valid rows.
+    pub(super) lengths: Vec<usize>,
+}
+
+/// Rows of features `[T][263]`, one motion after another.
+pub(super) fn padded(motions: &[Vec<f32>]) -> Padded {
     let lengths: Vec<usize> = motions.iter().map(|motion| motion.len() / FEATURES).collect();
     let window = lengths.iter().max().map_or(0, |longest| longest.next_multiple_of(8));
     let mut features = vec![0.0; motions.len() * window * FEATURES];
     for (place, motion) in features.chunks_exact_mut((window * FEATURES).max(1)).zip(motions) {
         place[..motion.len()].copy_from_slice(motion);
     }
-    (features, lengths)
+    Padded { features, lengths }
 }

@@ -12,18 +12,17 @@ use serde_json::{Value, json};
 
 use super::Error;
 use super::config::Config;
-use super::corpus::{self, Labels};
+use super::corpus::{self, Labels, Padded};
 use super::model::{self, Network};
 use super::motion;
-use crate::convolution::Shape;
+use crate::convolution::{self, Order, Shape};
+use crate::harness::{self, Configuration};
 use crate::normalization::Normalization;
 use crate::prior::captions::Vocabulary;
-use crate::tensor_file::TensorFile;
+use crate::tensor_file::Format;
 
-/// Value of `format` in the metadata.
-pub const FORMAT: &str = "motionette-evaluator";
-/// Value of `version` in the metadata.
-pub const VERSION: &str = "1";
+/// Format of the file.
+pub const FORMAT: Format = Format { name: "motionette-evaluator", version: "1" };
 /// Motions or sentences that are embedded at once.
 const BATCH: usize = 32;
 
@@ -82,7 +81,7 @@ impl Judge {
         let mut judgements = Vec::with_capacity(motions.len());
         for part in motions.chunks(BATCH) {
             let normalised: Vec<Vec<f32>> = part.iter().map(|m| self.normalization.apply(&m.features)).collect();
-            let (features, lengths) = corpus::padded(&normalised);
+            let Padded { features, lengths } = corpus::padded(&normalised);
             let output = self.network.motion(features, &lengths, None, &self.device);
             let contents = best(output.content, &self.labels.contents);
             let styles = best(output.style, &self.labels.styles);
@@ -117,8 +116,8 @@ impl Judge {
     /// Writes the file whole or not at all, with `metrics` inside.
     ///
     /// # Errors
-    /// [`Error::File`].
-    pub fn save(&self, path: &Path, metrics: &Value) -> Result<(), Error> {
+    /// [`harness::Error::File`].
+    pub fn save(&self, path: &Path, metrics: &Value) -> Result<(), harness::Error> {
         let config = json!({
             "contents": self.labels.contents,
             "styles": self.labels.styles,
@@ -127,52 +126,27 @@ impl Judge {
             "data_hash": self.data_hash,
             "metrics": metrics,
         });
-        let mut file = TensorFile::default();
-        for (entry, text) in [
-            ("format", FORMAT.to_owned()),
-            ("version", VERSION.to_owned()),
-            ("config", config.to_string()),
-            ("training", json!(self.config).to_string()),
-        ] {
-            file.metadata.insert(entry.to_owned(), text);
-        }
-        let mut rest = &self.parameters[..];
-        for shape in &self.shapes {
-            let (own, after) = rest.split_at(shape.parameters());
-            rest = after;
-            let (weight, bias) = own.split_at(shape.weights());
-            file.insert(format!("{}.weight", shape.name), &sizes(shape), weight.to_vec());
-            file.insert(format!("{}.bias", shape.name), &[shape.outputs], bias.to_vec());
-        }
-        file.insert("mean", &[self.normalization.mean.len()], self.normalization.mean.clone());
-        file.insert("std", &[self.normalization.std.len()], self.normalization.std.clone());
+        let mut file = FORMAT.file();
+        file.describe("config", config.to_string());
+        file.describe("training", json!(self.config).to_string());
+        convolution::store(&self.shapes, &self.parameters, Order::InputsFirst, &mut file);
+        self.normalization.store(&mut file);
         Ok(file.save(path)?)
     }
 
     /// Reads a file that [`Self::save`] wrote.
     ///
     /// # Errors
-    /// [`Error::File`] naming the entry or tensor that is missing or does not fit, [`Error::Setting`] for a configuration out of
-    /// range.
-    pub fn load(path: &Path) -> Result<Self, Error> {
-        let file = TensorFile::load(path)?;
-        file.expect("format", FORMAT)?;
-        file.expect("version", VERSION)?;
-        let config: Config = file.parsed("training")?;
-        config.check()?;
+    /// [`harness::Error::File`] naming the entry or tensor that is missing or does not fit, [`harness::Error::Setting`] for a
+    /// configuration out of range.
+    pub fn load(path: &Path) -> Result<Self, harness::Error> {
+        let file = FORMAT.load(path)?;
+        let config = file.parsed::<Config>("training")?.checked()?;
         let facts: Facts = file.parsed("config")?;
         let vocabulary = Vocabulary::new(facts.vocabulary);
         let labels = Labels { vocabulary, contents: facts.contents, styles: facts.styles };
-        let mut parameters = Vec::new();
-        for shape in model::shapes(&config, &labels) {
-            parameters.extend(file.values(&format!("{}.weight", shape.name), &sizes(&shape))?);
-            parameters.extend(file.values(&format!("{}.bias", shape.name), &[shape.outputs])?);
-        }
-        let channels = [motionette_host::motion::FEATURES];
-        let normalization = Normalization {
-            mean: file.values("mean", &channels)?.to_vec(),
-            std: file.values("std", &channels)?.to_vec(),
-        };
+        let parameters = convolution::restore(&model::shapes(&config, &labels), Order::InputsFirst, &file)?;
+        let normalization = Normalization::restored(&file)?;
         Ok(Self::new(config, labels, normalization, parameters, facts.steps, facts.data_hash))
     }
 }
@@ -185,10 +159,6 @@ struct Facts {
     vocabulary: Vec<String>,
     steps: u64,
     data_hash: String,
-}
-
-fn sizes(shape: &Shape) -> [usize; 3] {
-    [shape.kernel, shape.inputs, shape.outputs]
 }
 
 fn rows(tensor: Tensor<2>) -> Vec<Vec<f64>> {

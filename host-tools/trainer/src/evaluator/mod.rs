@@ -7,8 +7,8 @@
 //! | [`corpus`] | training examples with mirrored twins, random batches |
 //! | [`model`] | motion encoder, text encoder, classification heads |
 //! | [`objective`] | contrastive and classification terms |
-//! | [`training`] | one step, and the run around it |
-//! | [`state`] | everything a run needs to go on, as a file |
+//! | [`training`] | one step |
+//! | [`state`] | what is stored of a run: points, figures |
 //! | [`judge`] | the finished evaluator: a file, embeddings and labels of motions and sentences |
 //! | [`command`] | `motionette-train evaluator` |
 //!
@@ -27,26 +27,14 @@ pub mod state;
 pub(crate) mod tests;
 pub mod training;
 
-use std::path::PathBuf;
-
-use motionette_host::dataset::{self, Split};
+use motionette_host::dataset::Split;
 use motionette_host::motion::features;
 
-use crate::tensor_file;
+use crate::harness;
 
 /// Why an evaluator cannot be trained or used.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A setting is out of range.
-    #[error("{field} is {value}; allowed: {allowed}")]
-    Setting {
-        /// Name of the setting.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// What it may be.
-        allowed: &'static str,
-    },
     /// A split has no clip with a caption that is long enough.
     #[error("the dataset has no {split} clip of 12 frames or more with a caption; import clips of that split")]
     NoMotion {
@@ -61,24 +49,7 @@ pub enum Error {
         /// Why not.
         source: features::Error,
     },
-    /// The dataset cannot be used.
+    /// The run or one of its files.
     #[error(transparent)]
-    Dataset(#[from] dataset::Error),
-    /// A checkpoint or state file cannot be used.
-    #[error(transparent)]
-    File(#[from] tensor_file::Error),
-    /// A state file belongs to another run.
-    #[error("{} was written by a run with another {what}; start a new run or give the same {what}", path.display())]
-    OtherRun {
-        /// The state file.
-        path: PathBuf,
-        /// What differs.
-        what: &'static str,
-    },
-    /// The objective is no longer a number.
-    #[error("the objective is not finite at step {step}; lower the learning rate and start from an earlier state")]
-    Diverged {
-        /// The step.
-        step: u64,
-    },
+    Run(#[from] harness::Error),
 }

@@ -28,14 +28,16 @@ pub struct Terms {
     pub total: f32,
 }
 
-/// The weighted sum as the root of a graph, and its terms.
-pub fn objective(
-    motion: MotionOutput,
-    text: Tensor<2>,
-    batch: &Batch,
-    config: &Config,
-    device: &Device,
-) -> (Tensor<1>, Terms) {
+/// What a step lowers.
+pub struct Objective {
+    /// The weighted sum, as the root of a graph.
+    pub total: Tensor<1>,
+    /// Its terms.
+    pub terms: Terms,
+}
+
+/// The objective of a batch.
+pub fn objective(motion: MotionOutput, text: Tensor<2>, batch: &Batch, config: &Config, device: &Device) -> Objective {
     let n = batch.lengths.len();
     let similarity = motion.embedding.matmul(text.transpose()).div_scalar(config.temperature);
     let similarity =
@@ -54,7 +56,7 @@ pub fn objective(
         style: value(&style),
         total: value(&total),
     };
-    (total, terms)
+    Objective { total, terms }
 }
 
 /// `[B][B]`: pairs that are neither right nor wrong. Never the diagonal.

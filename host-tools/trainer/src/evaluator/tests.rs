@@ -11,13 +11,14 @@ use super::judge::Judge;
 use super::model::{self, MotionOutput, Network};
 use super::motion::prepare;
 use super::objective::objective;
-use super::state::State;
 use super::training::Trainer;
 use super::{Error, command};
+use crate::harness::{self, Run};
 use crate::prior::captions::Vocabulary;
 use crate::random::Random;
+use crate::schedule::{self, Plan};
 use crate::tensor_file::TensorFile;
-use crate::{schedule, testing};
+use crate::testing;
 
 /// The stick figures of [`testing::dataset`], which move faster from clip to clip: those of the first half wave the left hand calmly, the
 /// others walk briskly.
@@ -55,10 +56,18 @@ pub(crate) fn tiny() -> Config {
 
 /// An evaluator after `steps` steps on a dataset.
 pub(crate) fn judge(dataset: &Dataset, steps: u64) -> Judge {
+    let mut run = run(dataset, steps);
+    (0..steps).for_each(|_| assert!(run.step().unwrap().update.rate > 0.0));
+    run.training.judge(&run.state)
+}
+
+/// A run of `steps` steps.
+fn run(dataset: &Dataset, steps: u64) -> Run<Trainer<'_>> {
     let config = Config { steps, ..tiny() };
-    let mut trainer = Trainer::new(State::new(&config, &dataset.hash), dataset).unwrap();
-    (0..steps).for_each(|_| assert!(trainer.step().unwrap().rate > 0.0));
-    trainer.judge()
+    let training = Trainer::new(&config, dataset).unwrap();
+    let mut state = training.begin(&config);
+    state.plan = Some(Plan::of_steps(steps, config.schedule.decay));
+    Run::new(training, state).unwrap()
 }
 
 fn noise(n: usize, stream: u64) -> Vec<f32> {
@@ -69,15 +78,14 @@ fn noise(n: usize, stream: u64) -> Vec<f32> {
 #[test]
 fn training_lowers_the_objective_and_names_the_labels() {
     let dataset = dataset(24, 60);
-    let config = Config { steps: 150, ..tiny() };
-    let mut trainer = Trainer::new(State::new(&config, &dataset.hash), &dataset).unwrap();
-    assert_eq!(trainer.corpus().motions(), 2 * dataset.split(Split::Train).count());
-    assert_eq!(trainer.corpus().labels().contents, ["walk", "wave-left-hand", "wave-right-hand"]);
-    let totals: Vec<f32> = (0..150).map(|_| trainer.step().unwrap().terms.total).collect();
+    let mut run = run(&dataset, 150);
+    assert_eq!(run.training.corpus().motions(), 2 * dataset.split(Split::Train).count());
+    assert_eq!(run.training.corpus().labels().contents, ["walk", "wave-left-hand", "wave-right-hand"]);
+    let totals: Vec<f32> = (0..150).map(|_| run.step().unwrap().terms.total).collect();
     let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
     let (early, late) = (mean(&totals[..10]), mean(&totals[140..]));
     assert!(late < 0.7 * early, "objective {early} -> {late}");
-    let judge = trainer.judge();
+    let judge = run.training.judge(&run.state);
     let clips: Vec<_> = dataset.split(Split::Train).collect();
     let right = |style: &str, index: usize| clips[index].info.labels["style"] == style;
     let hits = (0..clips.len()).filter(|i| right(judge.motion(clips[*i].joints).unwrap().style, *i)).count();
@@ -140,7 +148,7 @@ fn the_objective_agrees_with_plain_loops() {
     let tensor =
         |values: &[f32], columns| Tensor::<2>::from_data(TensorData::new(values.to_vec(), [5, columns]), &device);
     let output = MotionOutput { embedding: tensor(&motion, 4), content: tensor(&content, 3), style: tensor(&style, 2) };
-    let (_, terms) = objective(output, tensor(&text, 4), &batch, &config, &device);
+    let terms = objective(output, tensor(&text, 4), &batch, &config, &device).terms;
 
     let similarity = |i: usize, j: usize| {
         (0..4).map(|c| f64::from(motion[4 * i + c]) * f64::from(text[4 * j + c])).sum::<f64>() / 0.3
@@ -183,8 +191,7 @@ fn gradients_agree_with_differences() {
         let network = Network::new(&shapes, values, true, &device);
         let motion = network.motion(batch.features.clone(), &batch.lengths, None, &device);
         let text = network.text(&batch.sentences, None, &device);
-        let (total, _) = objective(motion, text, &batch, &tiny(), &device);
-        (network, total)
+        (network, objective(motion, text, &batch, &tiny(), &device).total)
     };
     let (network, total) = run(&start);
     let mut gradient = vec![0.0; start.len()];
@@ -197,12 +204,7 @@ fn gradients_agree_with_differences() {
         let largest =
             weights.clone().fold(weights.start, |a, b| if gradient[b].abs() > gradient[a].abs() { b } else { a });
         for index in [largest, offset + shape.parameters() - 1] {
-            let h = 2e-3;
-            let mut moved = start.clone();
-            moved[index] = start[index] + h;
-            let above = value(&moved);
-            moved[index] = start[index] - h;
-            let slope = (above - value(&moved)) / f64::from(2.0 * h);
+            let slope = testing::slope(value, &start, index, 2e-3);
             let error = (slope - f64::from(gradient[index])).abs();
             assert!(error < 0.01 + 0.05 * slope.abs(), "{} {index}: {slope} {}", shape.name, gradient[index]);
         }
@@ -214,24 +216,10 @@ fn gradients_agree_with_differences() {
 #[test]
 fn a_resumed_run_equals_an_uninterrupted_one() {
     let dataset = dataset(12, 60);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.state.safetensors");
-    let begin = || Trainer::new(State::new(&tiny(), &dataset.hash), &dataset).unwrap();
-    let mut whole = begin();
-    (0..8).for_each(|_| assert!(whole.step().unwrap().rate > 0.0));
-    for stop in [0, 5] {
-        let mut before = begin();
-        (0..stop).for_each(|_| assert!(before.step().unwrap().rate > 0.0));
-        before.state.save(&path).unwrap();
-        let stored = State::load(&path).unwrap();
-        assert_eq!(stored, before.state);
-        let mut after = Trainer::new(stored, &dataset).unwrap();
-        (stop..8).for_each(|_| assert!(after.step().unwrap().rate > 0.0));
-        assert_eq!(after.state, whole.state, "stopped at {stop}");
-    }
-    let mut short = begin().state;
-    short.optimizer.values.pop();
-    assert!(matches!(Trainer::new(short, &dataset), Err(Error::Setting { field: "parameters", .. })));
+    testing::assert_resumes(|| run(&dataset, 12));
+    let Run { training, mut state } = run(&dataset, 12);
+    state.optimizer.values.pop();
+    assert!(matches!(Run::new(training, state), Err(harness::Error::Parameters { .. })));
 }
 
 #[test]
@@ -280,47 +268,38 @@ fn a_checkpoint_round_trips_and_names_what_it_lacks() {
 #[test]
 fn the_command_trains_resumes_and_measures() {
     let folder = tempfile::tempdir().unwrap();
-    let args = command::Args {
-        data: folder.path().join("data.mds"),
-        out: folder.path().join("out/evaluator"),
-        seed: Some(3),
-        steps: Some(4),
-        set: vec!["width=8".into(), "batch=4".into(), "embedding=4".into()],
-        resume: false,
-        log_every: 1,
-        save_every: 2,
-        evaluate: None,
-        json: true,
+    let folder = folder.path();
+    let args = |more: &str| -> command::Args {
+        let set = "--set width=8 --set batch=4 --set embedding=4";
+        let line = "--data @data.mds --out @out/evaluator --seed 3 --steps 4 --log-every 1 --save-every 2 --json";
+        testing::args(folder, &format!("{line} {set} {more}"))
     };
-    dataset(12, 60).save(&args.data).unwrap();
-    command::run(&args).unwrap();
-    let out = folder.path().join("out/evaluator.safetensors");
+    let data = folder.join("data.mds");
+    dataset(12, 60).save(&data).unwrap();
+    command::run(&args("")).unwrap();
+    let out = folder.join("out/evaluator.safetensors");
     assert_eq!(Judge::load(&out).unwrap().steps(), 4);
     let bytes = std::fs::read(&out).unwrap();
-    command::run(&command::Args { resume: true, ..args.clone() }).unwrap();
+    command::run(&args("--resume")).unwrap();
     assert_eq!(std::fs::read(&out).unwrap(), bytes, "nothing was left to do");
-    command::run(&command::Args { evaluate: Some(out), ..args.clone() }).unwrap();
+    command::run(&args("--evaluate @out/evaluator.safetensors")).unwrap();
 
-    let refused = |changed: command::Args, what: &str| {
-        let error = format!("{:#}", command::run(&changed).unwrap_err());
-        assert!(error.contains(what), "{what}: {error}");
-    };
-    let set = |text: &str| command::Args { set: vec![text.into()], ..args.clone() };
-    refused(set("batch=1"), "batch");
-    refused(set("temperature=0"), "temperature");
-    refused(set("cropped=0.9"), "cropped");
-    refused(set("schedule.learning_rate=-1"), "learning_rate");
-    refused(set("charm=1"), "charm");
-    refused(command::Args { resume: true, seed: Some(4), ..args.clone() }, "configuration");
-    dataset(6, 60).save(&args.data).unwrap();
-    refused(command::Args { resume: true, ..args.clone() }, "dataset");
-    testing::dataset(6, 60).save(&args.data).unwrap();
+    let refused = |more: &str, what: &str| testing::assert_refused(command::run(&args(more)), what);
+    refused("--set batch=1", "batch");
+    refused("--set temperature=0", "temperature");
+    refused("--set cropped=0.9", "cropped");
+    refused("--set schedule.learning_rate=-1", "learning_rate");
+    refused("--set charm=1", "charm");
+    refused("--resume --seed 4", "configuration");
+    dataset(6, 60).save(&data).unwrap();
+    refused("--resume", "dataset");
+    testing::dataset(6, 60).save(&data).unwrap();
     // Without labels there is nothing to name and nothing to measure.
-    command::run(&args).unwrap();
-    let unlabelled = Judge::load(&folder.path().join("out/evaluator.safetensors")).unwrap();
+    command::run(&args("")).unwrap();
+    let unlabelled = Judge::load(&out).unwrap();
     assert_eq!(unlabelled.motion(dataset(6, 60).clip(0).joints).unwrap().content, "");
-    dataset(6, 10).save(&args.data).unwrap();
-    refused(args, "no train clip");
+    dataset(6, 10).save(&data).unwrap();
+    refused("", "no train clip");
 }
 
 #[test]

@@ -7,18 +7,26 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::Error;
 use super::config::{Config, MAX_TOKENS};
-use super::model;
 use super::state::{Sources, State};
 use super::validation::Report;
-use crate::tensor_file::TensorFile;
+use crate::harness::{Configuration, Error};
+use crate::tensor_file::Format;
 use crate::transformer::EPSILON;
 
-/// Value of `format` in the metadata.
-pub const FORMAT: &str = "motionette-prior";
-/// Value of `version` in the metadata.
-pub const VERSION: &str = "1";
+/// Format of the file.
+pub const FORMAT: Format = Format { name: "motionette-prior", version: "1" };
+
+/// A prior that was trained.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// How.
+    pub config: Config,
+    /// On what, with the words it knows.
+    pub sources: Sources,
+    /// Its parameters in the order of [`Sources::layout`].
+    pub parameters: Vec<f32>,
+}
 
 /// Writes the averaged weights of a run whole or not at all, with `report` as their metrics.
 ///
@@ -47,36 +55,21 @@ pub fn save(state: &State, path: &Path, report: &Report) -> Result<(), Error> {
         "data_hash": sources.data_hash,
         "metrics": report,
     });
-    let mut file = TensorFile::default();
-    for (entry, text) in [
-        ("format", FORMAT.to_owned()),
-        ("version", VERSION.to_owned()),
-        ("config", facts.to_string()),
-        ("training", serde_json::to_string(config).unwrap_or_default()),
-    ] {
-        file.metadata.insert(entry.to_owned(), text);
-    }
-    for (parameter, values) in state.layout().split(&state.optimizer.average) {
-        file.insert(parameter.name.clone(), &parameter.shape(), values.to_vec());
-    }
+    let mut file = FORMAT.file();
+    file.describe("config", facts.to_string());
+    file.describe("training", serde_json::to_string(config).unwrap_or_default());
+    state.layout().store(&state.optimizer.average, &mut file);
     Ok(file.save(path)?)
 }
 
-/// Configuration, sources and flat weights of a file that [`save`] wrote.
+/// Reads a file that [`save`] wrote.
 ///
 /// # Errors
 /// [`Error::File`] naming the entry or tensor that is missing or does not fit, [`Error::Setting`] for a configuration out of range.
-pub fn load(path: &Path) -> Result<(Config, Sources, Vec<f32>), Error> {
-    let file = TensorFile::load(path)?;
-    file.expect("format", FORMAT)?;
-    file.expect("version", VERSION)?;
-    let config: Config = file.parsed("training")?;
-    config.check()?;
+pub fn load(path: &Path) -> Result<Checkpoint, Error> {
+    let file = FORMAT.load(path)?;
+    let config = file.parsed::<Config>("training")?.checked()?;
     let sources: Sources = file.parsed("config")?;
-    let layout = model::layout(&config.architecture, sources.vocabulary.len(), sources.codes);
-    let mut values = Vec::with_capacity(layout.len());
-    for parameter in &layout.parameters {
-        values.extend(file.values(&parameter.name, &parameter.shape())?);
-    }
-    Ok((config, sources, values))
+    let parameters = sources.layout(&config).restore(&file)?;
+    Ok(Checkpoint { config, sources, parameters })
 }

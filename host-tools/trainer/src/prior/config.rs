@@ -2,9 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Error;
-use crate::schedule;
+use super::curves::{Point, panels};
+use super::state::Sources;
+use super::validation::Report;
+use crate::chart::Panel;
+use crate::harness::{Configuration, Curves, Error, Evaluation};
+use crate::setting::{OutOfRange, require};
+use crate::tensor_file::Format;
 use crate::transformer::Sizes;
+use crate::{optimizer, schedule};
 
 /// Longest motion, tokens.
 pub const MAX_TOKENS: usize = 49;
@@ -103,34 +109,25 @@ impl Config {
                 batch: 6,
                 ..nano
             }),
-            _ => Err(Error::UnknownPreset { name: name.to_owned() }),
+            _ => Err(Error::UnknownPreset { name: name.to_owned(), known: "nano, micro or tiny" }),
         }
     }
+}
 
-    /// Checks what the rest of the trainer relies on.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] with the field, its value and what is allowed.
-    pub fn check(&self) -> Result<(), Error> {
-        let require = |holds: bool, field: &'static str, value: String, allowed: &'static str| {
-            if holds { Ok(()) } else { Err(Error::Setting { field, value, allowed }) }
-        };
+impl Configuration for Config {
+    const STATE: Format = Format { name: "motionette-prior-state", version: "1" };
+    type Sources = Sources;
+    type Extra = ();
+    type Point = Point;
+    type Evaluation = Evaluation<Report>;
+
+    fn check(&self) -> Result<(), OutOfRange> {
         let a = &self.architecture;
-        for (field, sizes) in [("architecture.text", &a.text), ("architecture.planner", &a.planner)] {
-            let heads = sizes.heads > 0 && sizes.width.is_multiple_of(sizes.heads);
-            let holds = heads && (1..=1024).contains(&sizes.width) && (1..=16).contains(&sizes.layers);
-            let holds = holds && (1..=4096).contains(&sizes.hidden);
-            let allowed = "width 1 to 1024, a multiple of heads; layers 1 to 16; hidden 1 to 4096";
-            require(holds, field, format!("{sizes:?}"), allowed)?;
-        }
-        require((1..=64).contains(&a.max_words), "max_words", a.max_words.to_string(), "1 to 64")?;
-        require((1..=4096).contains(&self.batch), "batch", self.batch.to_string(), "1 to 4096")?;
-        let s = &self.schedule;
-        let rate = s.learning_rate > 0.0 && s.learning_rate <= 0.1 && (0.0..=1.0).contains(&s.decay);
-        require(rate, "schedule", format!("{s:?}"), "learning_rate above 0, at most 0.1; decay 0 to 1")?;
-        require((0.0..1.0).contains(&self.average_decay), "average_decay", self.average_decay.to_string(), "0 to 1")?;
-        require(self.clip > 0.0, "clip", self.clip.to_string(), "above 0")?;
-        require((0.0..0.9).contains(&self.dropout), "dropout", self.dropout.to_string(), "0 to 0.9")?;
+        a.text.check("architecture.text")?;
+        a.planner.check("architecture.planner")?;
+        require((1..=64).contains(&a.max_words), "max_words", a.max_words, "1 to 64")?;
+        require((1..=4096).contains(&self.batch), "batch", self.batch, "1 to 4096")?;
+        require((0.0..0.9).contains(&self.dropout), "dropout", self.dropout, "0 to 0.9")?;
         let corruption = self.c > 0.0 && self.c < 1e3 && self.a > 0.0 && self.a <= 4.0;
         require(corruption, "c, a", format!("{}, {}", self.c, self.a), "c above 0, below 1000; a above 0, at most 4")?;
         for (field, share) in [
@@ -140,8 +137,20 @@ impl Config {
             ("joins", self.joins),
             ("fixed", self.fixed),
         ] {
-            require((0.0..=1.0).contains(&share), field, share.to_string(), "0 to 1")?;
+            require((0.0..=1.0).contains(&share), field, share, "0 to 1")?;
         }
-        require(self.length >= 0.0 && self.length.is_finite(), "length", self.length.to_string(), "0 or more")
+        require(self.length >= 0.0 && self.length.is_finite(), "length", self.length, "0 or more")
+    }
+
+    fn schedule(&self) -> schedule::Settings {
+        self.schedule
+    }
+
+    fn optimizer(&self) -> optimizer::Settings {
+        optimizer::Settings::new(self.weight_decay, self.clip, self.average_decay)
+    }
+
+    fn panels(curves: &Curves<Point, Evaluation<Report>>) -> Vec<Panel> {
+        panels(curves)
     }
 }

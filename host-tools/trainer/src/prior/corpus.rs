@@ -37,12 +37,11 @@ struct Motion {
     channels: Vec<f32>,
 }
 
-/// A token and where its frames begin.
+/// A token and where it is from.
 #[derive(Clone, Copy)]
 struct Piece {
     token: u16,
-    motion: usize,
-    frame: usize,
+    place: Place,
 }
 
 /// An example with what the networks should say of it.
@@ -54,8 +53,68 @@ pub struct Labelled {
     pub clean: Vec<u16>,
     /// Length of the whole motion, where it is shown whole.
     pub length: Option<usize>,
-    /// Motion and first frame of every token.
-    places: Vec<(usize, usize)>,
+    /// Where every token is from.
+    places: Vec<Place>,
+}
+
+/// Where a token's frames begin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Place {
+    motion: usize,
+    frame: usize,
+}
+
+/// Words and turns of phrase of a dataset's training split, their mirror images included.
+#[derive(Clone, Debug)]
+pub struct Words {
+    /// Words that have an id.
+    pub vocabulary: Vocabulary,
+    /// Other ways to say what the captions say.
+    pub paraphrases: Paraphrases,
+}
+
+impl Words {
+    /// Of the captions of the training split.
+    pub fn of(dataset: &Dataset) -> Self {
+        let paraphrases = Paraphrases::of(dataset.split(Split::Train));
+        let captions: Vec<String> = dataset
+            .split(Split::Train)
+            .flat_map(|clip| clip.info.captions.iter().flat_map(|c| [c.text.clone(), mirrored(&c.text)]))
+            .collect();
+        let vocabulary = Vocabulary::of(captions.iter().map(String::as_str).chain(paraphrases.words()));
+        Self { vocabulary, paraphrases }
+    }
+}
+
+/// What examples are made from.
+pub struct Material<'d> {
+    /// Clips.
+    pub dataset: &'d Dataset,
+    /// What makes tokens of them.
+    pub tokenizer: &'d Checkpoint,
+    /// What makes sentences of their captions.
+    pub words: Words,
+    /// Words of a sentence that are read.
+    pub max_words: usize,
+}
+
+impl<'d> Material<'d> {
+    /// The training split with its mirrored twins.
+    ///
+    /// # Errors
+    /// [`Error::NoMotion`] when no clip has a caption and a token, [`Error::Mirror`] when features of a twin cannot be extracted.
+    pub fn training(&self) -> Result<Corpus<'d>, Error> {
+        Corpus::new(self, Split::Train, true)
+    }
+
+    /// The validation split, where there is one.
+    ///
+    /// # Errors
+    /// [`Error::NoMotion`] when no clip of it has a caption and a token.
+    pub fn held_out(&self) -> Result<Option<Corpus<'d>>, Error> {
+        let any = self.dataset.split(Split::Val).next().is_some();
+        any.then(|| Corpus::new(self, Split::Val, false)).transpose()
+    }
 }
 
 /// One split as tokens.
@@ -64,36 +123,14 @@ pub struct Corpus<'d> {
     motions: Vec<Motion>,
     /// Motions of the same labels and the same side.
     alike: BTreeMap<(String, bool), Vec<usize>>,
-    paraphrases: Paraphrases,
-    vocabulary: Vocabulary,
+    words: Words,
     max_words: usize,
-}
-
-/// Words that occur in the training split's captions, their mirror images and paraphrases.
-pub fn vocabulary(dataset: &Dataset) -> (Vocabulary, Paraphrases) {
-    let paraphrases = Paraphrases::of(dataset.split(Split::Train));
-    let captions: Vec<String> = dataset
-        .split(Split::Train)
-        .flat_map(|clip| clip.info.captions.iter().flat_map(|c| [c.text.clone(), mirrored(&c.text)]))
-        .collect();
-    let vocabulary = Vocabulary::of(captions.iter().map(String::as_str).chain(paraphrases.words()));
-    (vocabulary, paraphrases)
 }
 
 impl<'d> Corpus<'d> {
     /// Encodes the clips of `split` and, when `twins`, their mirrored twins.
-    ///
-    /// # Errors
-    /// [`Error::NoMotion`] when no clip has a caption and a token, [`Error::Mirror`] when features of a twin cannot be extracted.
-    pub fn new(
-        dataset: &'d Dataset,
-        split: Split,
-        twins: bool,
-        tokenizer: &Checkpoint,
-        vocabulary: &Vocabulary,
-        paraphrases: &Paraphrases,
-        max_words: usize,
-    ) -> Result<Self, Error> {
+    fn new(material: &Material<'d>, split: Split, twins: bool) -> Result<Self, Error> {
+        let Material { dataset, tokenizer, .. } = *material;
         let usable = |clip: &ClipView<'_>| {
             clip.info.split == split && clip.frames() >= FRAMES_PER_TOKEN && !clip.info.captions.is_empty()
         };
@@ -128,14 +165,7 @@ impl<'d> Corpus<'d> {
             }
             motions.push(Motion { clip: *clip, mirrored: *mirrored, phases, channels });
         }
-        Ok(Self {
-            dataset,
-            motions,
-            alike,
-            paraphrases: paraphrases.clone(),
-            vocabulary: vocabulary.clone(),
-            max_words,
-        })
+        Ok(Self { dataset, motions, alike, words: material.words.clone(), max_words: material.max_words })
     }
 
     /// Motions, twins included.
@@ -208,7 +238,7 @@ impl<'d> Corpus<'d> {
             end = start + length;
         }
         let clean: Vec<u16> = pieces[start..end].iter().map(|piece| piece.token).collect();
-        let places = pieces[start..end].iter().map(|piece| (piece.motion, piece.frame)).collect();
+        let places = pieces[start..end].iter().map(|piece| piece.place).collect();
         let fixed = fixed(clean.len(), random.unit() < config.fixed, random);
         let t = random.unit() as f32;
         let z = clean.iter().zip(&fixed).map(|(c, f)| if *f { *c } else { metric.corrupt(*c, t, random) }).collect();
@@ -221,13 +251,15 @@ impl<'d> Corpus<'d> {
     /// The tokens of a motion from frame `phase` on.
     fn pieces(&self, motion: usize, phase: usize) -> Vec<Piece> {
         let tokens = self.motions[motion].phases[phase].iter().enumerate();
-        tokens.map(|(i, token)| Piece { token: *token, motion, frame: phase + FRAMES_PER_TOKEN * i }).collect()
+        tokens
+            .map(|(i, token)| Piece { token: *token, place: Place { motion, frame: phase + FRAMES_PER_TOKEN * i } })
+            .collect()
     }
 
     /// Joints of the real motion behind an example, [`FRAMES_PER_TOKEN`] frames a token, metres, from the origin facing +z. Joined
     /// motions go on where the first ends.
     pub fn joints(&self, labelled: &Labelled) -> Vec<Pose> {
-        let rows = |(motion, frame): &(usize, usize)| {
+        let rows = |Place { motion, frame }: &Place| {
             &self.motions[*motion].channels[frame * CHANNELS..][..FRAMES_PER_TOKEN * CHANNELS]
         };
         recover::joints(&labelled.places.iter().flat_map(rows).copied().collect::<Vec<f32>>(), CHANNELS)
@@ -264,9 +296,9 @@ impl<'d> Corpus<'d> {
         }
         let clip = self.dataset.clip(motion.clip);
         let caption = &clip.info.captions[random.below(clip.info.captions.len())].text;
-        let text = self.paraphrases.draw(&clip, caption, random);
+        let text = self.words.paraphrases.draw(&clip, caption, random);
         let text = if motion.mirrored { mirrored(&text) } else { text };
-        let mut words = self.vocabulary.encode(&text, self.max_words);
+        let mut words = self.words.vocabulary.encode(&text, self.max_words);
         for word in &mut words {
             if random.unit() < config.word_dropout {
                 *word = UNKNOWN;
@@ -284,13 +316,13 @@ impl<'d> Corpus<'d> {
             let z = clean.iter().map(|c| metric.corrupt(*c, t, &mut random)).collect();
             let text = &self.dataset.clips[motion.clip].captions[0].text;
             let text = if motion.mirrored { mirrored(text) } else { text.clone() };
-            let words = self.vocabulary.encode(&text, self.max_words);
+            let words = self.words.vocabulary.encode(&text, self.max_words);
             let words = if words.is_empty() { vec![NONE] } else { words };
             let end_open = motion.phases[0].len() > MAX_TOKENS;
             let fixed = vec![false; clean.len()];
             let length = (!end_open).then_some(clean.len());
             let example = Example { words, z, fixed, t, start_open: false, end_open };
-            let places = (0..clean.len()).map(|i| (index, FRAMES_PER_TOKEN * i)).collect();
+            let places = (0..clean.len()).map(|i| Place { motion: index, frame: FRAMES_PER_TOKEN * i }).collect();
             examples.push(Labelled { example, clean, length, places });
         }
         examples.sort_by_key(|labelled| labelled.clean.len());

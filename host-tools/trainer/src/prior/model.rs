@@ -4,8 +4,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 
 use super::captions::NONE;
 use super::config::{Architecture, MAX_TOKENS, TIME_BINS};
-use crate::random::Random;
-use crate::transformer::{Dropout, Guest, Layout, Weights, padding};
+use crate::transformer::{Attended, Dropout, Guest, Layout, Rows, Weights, padding};
 
 /// Deviation of embeddings at the start.
 const EMBEDDING: f64 = 0.1;
@@ -74,11 +73,9 @@ pub fn forward(
     weights: &Weights,
     batch: &[Example],
     guest: &mut dyn Guest,
-    dropout: f32,
-    random: Random,
+    mut dropout: Dropout,
 ) -> Output {
     let device: &Device = weights.device();
-    let mut dropout = Dropout::new(dropout, random);
     let (size, text, planner) = (batch.len(), &a.text, &a.planner);
 
     let counts: Vec<usize> = batch.iter().map(|e| e.words.len()).collect();
@@ -88,7 +85,8 @@ pub fn forward(
     let x = weights.rows("text.embedding", &ids).reshape([size, window, text.width])
         + weights.rows("text.position", &places).reshape([1, window, text.width]);
     let mask = padding(&counts, window, device);
-    let memory = weights.norm("text.norm", weights.blocks("text", text, x, mask.as_ref(), None, &mut (), &mut dropout));
+    let own = Attended::own(mask.as_ref());
+    let memory = weights.norm("text.norm", weights.blocks("text", text, x, own, &mut (), &mut dropout));
     // Mean over the words that are there, as a product with a row of shares.
     let shares: Vec<f32> =
         counts.iter().flat_map(|n| (0..window).map(move |i| if i < *n { 1.0 / *n as f32 } else { 0.0 })).collect();
@@ -124,8 +122,8 @@ pub fn forward(
     let x = Tensor::cat(vec![global, x], 1);
     let own: Vec<usize> = lengths.iter().map(|n| n + 1).collect();
     let own = padding(&own, window + 1, device);
-    let memory = (&memory, mask.as_ref());
-    let x = weights.blocks("planner", planner, x, own.as_ref(), Some(memory), guest, &mut dropout);
+    let memory = Some(Rows { rows: &memory, mask: mask.as_ref() });
+    let x = weights.blocks("planner", planner, x, Attended { mask: own.as_ref(), memory }, guest, &mut dropout);
     let h = weights.norm("planner.norm", x.narrow(1, 1, window));
     Output { tokens: weights.linear("planner.token", h), length }
 }

@@ -2,114 +2,87 @@
 
 use std::path::Path;
 
+use motionette_host::checkpoint::prior::codebook_hash;
+use motionette_host::dataset::Dataset;
+
 use super::checkpoint;
 use super::command::{Args, run};
-use super::state::State;
-use crate::tensor_file::TensorFile;
-use crate::{testing, tokenizer};
+use super::config::Config;
+use super::corpus::{Material, Words};
+use super::corruption::Metric;
+use super::state::{Sources, State};
+use super::training::Trainer;
+use crate::harness::Run;
+use crate::testing;
+use crate::tokenizer::checkpoint::Checkpoint;
 
-fn args(folder: &Path) -> Args {
-    Args {
-        data: folder.join("data.mds"),
-        tokenizer: folder.join("tokenizer.safetensors"),
-        out: folder.join("prior.safetensors"),
-        preset: "tiny".into(),
-        set: vec!["schedule.learning_rate=0.005".into(), "schedule.warm_up=3".into(), "average_decay=0.9".into()],
-        seed: None,
-        steps: Some(12),
-        minutes: None,
-        resume: false,
-        log_every: 4,
-        save_every: 1,
-        json: false,
-    }
-}
-
-/// A dataset and a tokenizer of it.
-fn prepare(folder: &Path) {
-    let good = args(folder);
-    testing::dataset(12, 48).save(&good.data).unwrap();
-    let tokenizer = tokenizer::command::Args {
-        data: good.data,
-        out: good.tokenizer,
-        preset: "tiny".into(),
-        set: Vec::new(),
-        seed: None,
-        steps: Some(30),
-        minutes: None,
-        resume: false,
-        log_every: 100,
-        save_every: 1,
-        evaluate: None,
-        json: false,
-    };
-    tokenizer::command::run(&tokenizer).unwrap();
+fn args(folder: &Path, more: &str) -> Args {
+    let line = "--data @data.mds --tokenizer @tokenizer.safetensors --out @prior --preset tiny --log-every 4 --save-every 1 \
+                --set schedule.learning_rate=0.005 --set schedule.warm_up=3 --set average_decay=0.9";
+    testing::args(folder, &format!("{line} {more}"))
 }
 
 #[test]
 fn a_run_learns_its_motions() {
     let folder = tempfile::tempdir().unwrap();
-    prepare(folder.path());
-    let args = Args { steps: Some(250), log_every: 10, save_every: 100, ..args(folder.path()) };
+    testing::prepare_tokenizer(folder.path());
+    let args = args(folder.path(), "--steps 250 --log-every 10 --save-every 100");
     run(&args).unwrap();
-    let state = State::load(&args.out.with_extension("state.safetensors")).unwrap();
+    let state = State::load(&args.options.state_file()).unwrap();
     let points = &state.curves.points;
     let (early, late) = (points[0].loss, points[points.len() - 1].loss);
     assert!(late < 0.8 * early, "cross-entropy {early} -> {late}");
-    let (_, report) = state.curves.evaluations.last().unwrap();
+    let report = &state.curves.evaluations.last().unwrap().report;
     assert!(report.motions == 2 && report.accuracy[3] > report.accuracy[0], "{report:?}");
-    let file = TensorFile::load(&args.out).unwrap();
-    file.expect("format", checkpoint::FORMAT).unwrap();
+    let file = checkpoint::FORMAT.load(&args.options.checkpoint()).unwrap();
     for (parameter, average) in state.layout().split(&state.optimizer.average) {
         assert_eq!(file.values(&parameter.name, &parameter.shape()).unwrap(), average, "{}", parameter.name);
     }
     let facts: serde_json::Value = file.parsed("config").unwrap();
     assert_eq!(facts["vocabulary"][0], "<none>");
-    assert!(args.out.with_extension("curves.svg").is_file());
+    assert!(args.options.checkpoint().with_extension("curves.svg").is_file());
 }
 
 #[test]
 fn a_resumed_run_equals_an_uninterrupted_one() {
     let folder = tempfile::tempdir().unwrap();
-    prepare(folder.path());
-    let whole = args(folder.path());
-    run(&whole).unwrap();
-    let path = whole.out.with_extension("state.safetensors");
-    let mut uninterrupted = State::load(&path).unwrap();
-    // The clock decides where the fall begins, so the first part has to know the whole length: it is stopped by hand.
-    let first = Args { steps: Some(12), out: folder.path().join("parts.safetensors"), ..whole.clone() };
-    run(&first).unwrap();
-    let path = first.out.with_extension("state.safetensors");
-    let mut stopped = State::load(&path).unwrap();
-    assert_eq!(stopped.optimizer, uninterrupted.optimizer, "equal runs give equal weights");
-    let fresh = State::new(&stopped.config, stopped.sources.clone());
-    stopped = State { plan: stopped.plan, ..fresh };
-    stopped.save(&path).unwrap();
-    run(&Args { resume: true, ..first }).unwrap();
-    let mut resumed = State::load(&path).unwrap();
-    (resumed.seconds, uninterrupted.seconds) = (0.0, 0.0);
-    assert_eq!(resumed, uninterrupted);
+    testing::prepare_tokenizer(folder.path());
+    let dataset = Dataset::load(folder.path().join("data.mds")).unwrap();
+    let tokenizer = Checkpoint::load(&folder.path().join("tokenizer.safetensors")).unwrap();
+    let config = args(folder.path(), "").options.configured(Config::preset("tiny").unwrap()).unwrap();
+    let words = Words::of(&dataset);
+    let sources = Sources {
+        data_hash: dataset.hash.clone(),
+        tokenizer: codebook_hash(&tokenizer.codebook),
+        codes: 8,
+        code_dim: 4,
+        vocabulary: words.vocabulary.words.clone(),
+    };
+    let material = Material { dataset: &dataset, tokenizer: &tokenizer, words, max_words: 12 };
+    testing::assert_resumes(|| {
+        let metric = Metric::new(&tokenizer.codebook, 4, config.c, config.a);
+        let (training, held_out) = (material.training().unwrap(), material.held_out().unwrap());
+        let trainer = Trainer::new(sources.layout(&config), training, held_out, metric);
+        Run::new(trainer, State::begin(&config, sources.clone())).unwrap()
+    });
 }
 
 #[test]
 fn bad_input_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let good = || args(folder.path());
-    assert!(run(&good()).unwrap_err().is::<motionette_host::dataset::Error>(), "no dataset");
-    prepare(folder.path());
-    let refused = |args: Args, what: &str| {
-        let error = format!("{:#}", run(&args).unwrap_err());
-        assert!(error.contains(what), "{what}: {error}");
-    };
-    refused(Args { steps: None, ..good() }, "--minutes");
-    refused(Args { preset: "huge".into(), ..good() }, "huge");
-    refused(Args { set: vec!["charm=1".into()], ..good() }, "charm");
-    refused(Args { set: vec!["dropout=1.5".into()], ..good() }, "dropout");
-    refused(Args { set: vec!["architecture.planner.heads=5".into()], ..good() }, "heads");
-    refused(Args { tokenizer: good().data, ..good() }, "offsets");
-    refused(Args { resume: true, ..good() }, "cannot read");
-    run(&good()).unwrap();
-    refused(Args { resume: true, seed: Some(9), ..good() }, "configuration");
-    testing::dataset(11, 48).save(good().data).unwrap();
-    refused(Args { resume: true, ..good() }, "dataset");
+    let folder = folder.path();
+    assert!(run(&args(folder, "--steps 4")).unwrap_err().is::<motionette_host::dataset::Error>(), "no dataset");
+    testing::prepare_tokenizer(folder);
+    let refused = |more: &str, what: &str| testing::assert_refused(run(&args(folder, more)), what);
+    refused("", "--minutes");
+    refused("--steps 4 --preset huge", "huge");
+    refused("--steps 4 --set charm=1", "charm");
+    refused("--steps 4 --set dropout=1.5", "dropout");
+    refused("--steps 4 --set architecture.planner.heads=5", "heads");
+    refused("--steps 4 --tokenizer @data.mds", "offsets");
+    refused("--steps 4 --resume", "cannot read");
+    run(&args(folder, "--steps 4")).unwrap();
+    refused("--steps 4 --resume --seed 9", "configuration");
+    testing::dataset(11, 48).save(folder.join("data.mds")).unwrap();
+    refused("--steps 4 --resume", "dataset");
 }

@@ -1,16 +1,19 @@
 //! One step of training: a corrupted batch, cross-entropy of its clean tokens, an update.
 
+use std::path::Path;
+
 use burn::tensor::{Device, Tensor, TensorData};
 
-use super::Error;
+use super::config::Config;
 use super::corpus::{Corpus, Labelled};
 use super::corruption::Metric;
-use super::model;
+use super::curves::Point;
 use super::state::State;
-use crate::optimizer::Settings;
+use super::validation::{self, Report};
+use super::{checkpoint, model};
+use crate::harness::{self, Error, Evaluation, Training, Update};
 use crate::random::Random;
-use crate::schedule;
-use crate::transformer::Weights;
+use crate::transformer::{Dropout, Layout, Weights};
 
 /// Streams of dropout lie beside those of the batches.
 const DROPOUT_STREAM: u64 = 1 << 41;
@@ -42,10 +45,36 @@ pub struct Step {
     pub tokens: Score,
     /// Of the lengths.
     pub length: Score,
-    /// Learning rate.
-    pub rate: f32,
-    /// Global norm of the gradient.
-    pub gradient_norm: f32,
+    /// What the optimiser did.
+    pub update: Update,
+}
+
+/// Sums over the steps since the last point.
+#[derive(Debug, Default)]
+pub struct Means {
+    tokens: Score,
+    length: Score,
+    update: Update,
+}
+
+impl harness::Means<Step, Point> for Means {
+    fn add(&mut self, step: &Step) {
+        self.tokens.add(step.tokens);
+        self.length.add(step.length);
+        self.update = step.update;
+    }
+
+    fn point(&self, step: u64) -> Point {
+        let mean = |sum: f64, of: &Score| sum / of.count.max(1.0);
+        Point {
+            step,
+            rate: self.update.rate,
+            loss: mean(self.tokens.loss, &self.tokens),
+            accuracy: mean(self.tokens.right, &self.tokens),
+            length: mean(self.length.loss, &self.length),
+            gradient_norm: self.update.gradient_norm,
+        }
+    }
 }
 
 /// Scores rows of logits against targets (`None` rows do not count) and turns them into `weight * dloss/dlogits`.
@@ -70,15 +99,25 @@ pub fn cross_entropy(logits: &mut [f32], targets: &[Option<usize>], weight: f32)
     score
 }
 
-/// Targets of a padded batch: clean tokens that are not fixed, and lengths.
-pub fn targets(batch: &[Labelled]) -> (Vec<Option<usize>>, Vec<Option<usize>>) {
-    let window = batch.iter().map(|l| l.clean.len()).max().unwrap_or(1);
-    let token = |l: &Labelled, i: usize| match l.example.fixed.get(i) {
-        Some(false) => l.clean.get(i).map(|c| usize::from(*c)),
-        _ => None,
-    };
-    let tokens = batch.iter().flat_map(|l| (0..window).map(|i| token(l, i)).collect::<Vec<_>>()).collect();
-    (tokens, batch.iter().map(|l| l.length.map(|n| n - 1)).collect())
+/// What the networks should say of a padded batch; none where nothing is asked.
+pub struct Targets {
+    /// Clean tokens that are not fixed, `[B][L]`.
+    pub tokens: Vec<Option<usize>>,
+    /// Classes of the lengths, one less than the tokens, `[B]`.
+    pub lengths: Vec<Option<usize>>,
+}
+
+impl Targets {
+    /// Of a batch.
+    pub fn of(batch: &[Labelled]) -> Self {
+        let window = batch.iter().map(|l| l.clean.len()).max().unwrap_or(1);
+        let token = |l: &Labelled, i: usize| match l.example.fixed.get(i) {
+            Some(false) => l.clean.get(i).map(|c| usize::from(*c)),
+            _ => None,
+        };
+        let tokens = batch.iter().flat_map(|l| (0..window).map(|i| token(l, i)).collect::<Vec<_>>()).collect();
+        Self { tokens, lengths: batch.iter().map(|l| l.length.map(|n| n - 1)).collect() }
+    }
 }
 
 /// Values of a tensor.
@@ -86,60 +125,66 @@ pub fn values(tensor: &Tensor<3>) -> Vec<f32> {
     tensor.to_data().try_into_vec().expect("networks compute in f32")
 }
 
-/// A run in memory.
+/// Data and networks of a run.
 pub struct Trainer<'d> {
-    /// What is stored.
-    pub state: State,
     corpus: Corpus<'d>,
+    held_out: Option<Corpus<'d>>,
     metric: Metric,
+    layout: Layout,
     decayed: Vec<bool>,
 }
 
 impl<'d> Trainer<'d> {
-    /// A trainer that goes on from `state`.
-    pub fn new(state: State, corpus: Corpus<'d>, metric: Metric) -> Self {
-        let decayed = state.layout().decayed();
-        Self { state, corpus, metric, decayed }
+    /// A trainer of networks of this layout on `corpus`, which is measured on `held_out` where there is any.
+    pub fn new(layout: Layout, corpus: Corpus<'d>, held_out: Option<Corpus<'d>>, metric: Metric) -> Self {
+        let decayed = layout.decayed();
+        Self { corpus, held_out, metric, layout, decayed }
+    }
+}
+
+impl Training for Trainer<'_> {
+    type Config = Config;
+    type Step = Step;
+    type Means = Means;
+    type Error = Error;
+
+    fn decayed(&self) -> &[bool] {
+        &self.decayed
     }
 
-    /// Draws the step's batch and updates the weights.
-    ///
-    /// # Errors
-    /// [`Error::Diverged`] when the objective or its gradient is not finite; the state is then as before the step.
-    pub fn step(&mut self) -> Result<Step, Error> {
-        let (step, config) = (self.state.step, &self.state.config);
+    fn step(&mut self, state: &mut State) -> Result<Step, Error> {
+        let (step, config) = (state.step, &state.config);
         let batch = self.corpus.batch(config, &self.metric, step);
         let device = Device::flex().autodiff();
-        let layout = self.state.layout();
-        let weights = Weights::new(&layout, &self.state.optimizer.values, true, &device);
+        let weights = Weights::new(&self.layout, &state.optimizer.values, true, &device);
         let examples: Vec<_> = batch.iter().map(|l| l.example.clone()).collect();
-        let random = Random::new(config.seed, DROPOUT_STREAM + step);
-        let output = model::forward(&config.architecture, &weights, &examples, &mut (), config.dropout, random);
-        let (token_targets, length_targets) = targets(&batch);
+        let dropout = Dropout::new(config.dropout, Random::new(config.seed, DROPOUT_STREAM + step));
+        let output = model::forward(&config.architecture, &weights, &examples, &mut (), dropout);
+        let targets = Targets::of(&batch);
         let share = |targets: &[Option<usize>]| 1.0 / targets.iter().flatten().count().max(1) as f32;
 
         let mut by_tokens = values(&output.tokens);
-        let tokens = cross_entropy(&mut by_tokens, &token_targets, share(&token_targets));
+        let tokens = cross_entropy(&mut by_tokens, &targets.tokens, share(&targets.tokens));
         let mut by_length = values(&output.length);
-        let length = cross_entropy(&mut by_length, &length_targets, config.length * share(&length_targets));
-        if !(tokens.loss + length.loss).is_finite() {
-            return Err(Error::Diverged { step });
-        }
+        let length = cross_entropy(&mut by_length, &targets.lengths, config.length * share(&targets.lengths));
+        state.check_finite(tokens.loss + length.loss)?;
         let leaf =
             |values: Vec<f32>, like: &Tensor<3>| Tensor::<3>::from_data(TensorData::new(values, like.dims()), &device);
         let (by_tokens, by_length) = (leaf(by_tokens, &output.tokens), leaf(by_length, &output.length));
         let total = (output.tokens * by_tokens).sum() + (output.length * by_length).sum();
-        let mut flat = vec![0.0; self.state.optimizer.values.len()];
+        let mut flat = vec![0.0; state.optimizer.values.len()];
         weights.collect_gradients(&total.backward(), &mut flat);
+        let update = state.update(&flat, &self.decayed)?;
+        Ok(Step { tokens, length, update })
+    }
 
-        let settings = Settings::new(config.weight_decay, config.clip, config.average_decay);
-        let rate = schedule::rate(&config.schedule, self.state.plan, step);
-        let gradient_norm = self.state.optimizer.update(&settings, rate, &flat, &self.decayed);
-        if !gradient_norm.is_finite() {
-            return Err(Error::Diverged { step });
-        }
-        self.state.step += 1;
-        Ok(Step { tokens, length, rate, gradient_norm })
+    fn evaluate(&self, state: &State, _finished: bool) -> Result<Option<Evaluation<Report>>, Error> {
+        let report = self.held_out.as_ref().map(|corpus| validation::measure(state, corpus, &self.metric));
+        Ok(Some(Evaluation { step: state.step, report: report.unwrap_or_default() }))
+    }
+
+    fn save(&self, state: &State, evaluation: &Evaluation<Report>, path: &Path) -> Result<(), Error> {
+        checkpoint::save(state, path, &evaluation.report)
     }
 }
 

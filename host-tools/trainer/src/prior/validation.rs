@@ -1,5 +1,7 @@
 //! How well a prior recovers the clean tokens of motions it was not trained on.
 
+use std::fmt;
+
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
@@ -7,15 +9,14 @@ use super::corpus::{Corpus, Labelled};
 use super::corruption::Metric;
 use super::model;
 use super::state::State;
-use super::training::{Score, cross_entropy, targets, values};
-use crate::random::Random;
-use crate::transformer::Weights;
+use super::training::{Score, Targets, cross_entropy, values};
+use crate::transformer::{Dropout, Weights};
 
 /// Times at which motions are corrupted.
 pub const TIMES: [f32; 4] = [0.0, 0.25, 0.5, 0.75];
 
 /// Figures of the averaged weights on one split.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Motions.
     pub motions: usize,
@@ -35,10 +36,10 @@ pub fn measure(state: &State, corpus: &Corpus<'_>, metric: &Metric) -> Report {
         let (mut tokens, mut length) = (Score::default(), Score::default());
         for batch in examples.chunks(32) {
             let inputs: Vec<_> = batch.iter().map(|l| l.example.clone()).collect();
-            let output = model::forward(&state.config.architecture, &weights, &inputs, &mut (), 0.0, Random::new(0, 0));
-            let (by_tokens, by_length) = targets(batch);
-            tokens.add(cross_entropy(&mut values(&output.tokens), &by_tokens, 1.0));
-            length.add(cross_entropy(&mut values(&output.length), &by_length, 1.0));
+            let output = model::forward(&state.config.architecture, &weights, &inputs, &mut (), Dropout::off());
+            let targets = Targets::of(batch);
+            tokens.add(cross_entropy(&mut values(&output.tokens), &targets.tokens, 1.0));
+            length.add(cross_entropy(&mut values(&output.length), &targets.lengths, 1.0));
         }
         (tokens, length)
     };
@@ -52,15 +53,17 @@ pub fn measure(state: &State, corpus: &Corpus<'_>, metric: &Metric) -> Report {
     }
 }
 
-/// The report as one line for people.
-pub fn line(report: &Report) -> String {
-    let list = |values: &[f64]| values.iter().map(|v| format!("{v:.3}")).collect::<Vec<_>>().join(" ");
-    format!(
-        "validation: {} motions, at t = {}: cross-entropy {}, top-1 {}; length {:.3}",
-        report.motions,
-        TIMES.map(|t| t.to_string()).join(" "),
-        list(&report.loss),
-        list(&report.accuracy),
-        report.length,
-    )
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |values: &[f64]| values.iter().map(|v| format!("{v:.3}")).collect::<Vec<_>>().join(" ");
+        write!(
+            f,
+            "validation: {} motions, at t = {}: cross-entropy {}, top-1 {}; length {:.3}",
+            self.motions,
+            TIMES.map(|t| t.to_string()).join(" "),
+            list(&self.loss),
+            list(&self.accuracy),
+            self.length,
+        )
+    }
 }

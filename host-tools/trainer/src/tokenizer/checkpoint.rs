@@ -8,18 +8,16 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::Error;
 use super::config::{Architecture, Config, DOWN_T, FEATURES, FPS};
 use super::metrics::Report;
 use super::model;
-use crate::convolution::Shape;
+use crate::convolution::{self, Order};
+use crate::harness::{Configuration, Error};
 use crate::normalization::Normalization;
-use crate::tensor_file::TensorFile;
+use crate::tensor_file::Format;
 
-/// Value of `format` in the metadata.
-pub const FORMAT: &str = "motionette-tokenizer";
-/// Value of `version` in the metadata.
-pub const VERSION: &str = "1";
+/// Format of the file.
+pub const FORMAT: Format = Format { name: "motionette-tokenizer", version: "1" };
 const CODEBOOK: &str = "quantizer.layers.0.codebook";
 
 /// A tokenizer that can encode and decode.
@@ -63,27 +61,12 @@ impl Checkpoint {
             "data_hash": self.data_hash,
             "metrics": reports,
         });
-        let mut file = TensorFile::default();
-        for (entry, text) in [
-            ("format", FORMAT.to_owned()),
-            ("version", VERSION.to_owned()),
-            ("config", config.to_string()),
-            ("training", serde_json::to_string(&self.config).unwrap_or_default()),
-        ] {
-            file.metadata.insert(entry.to_owned(), text);
-        }
-        let mut rest = &self.parameters[..];
-        for shape in model::shapes(a) {
-            let (own, after) = rest.split_at(shape.parameters());
-            rest = after;
-            let (weight, bias) = own.split_at(shape.weights());
-            let torch = [shape.outputs, shape.inputs, shape.kernel];
-            file.insert(format!("{}.weight", shape.name), &torch, to_torch(&shape, weight));
-            file.insert(format!("{}.bias", shape.name), &[shape.outputs], bias.to_vec());
-        }
+        let mut file = FORMAT.file();
+        file.describe("config", config.to_string());
+        file.describe("training", serde_json::to_string(&self.config).unwrap_or_default());
+        convolution::store(&model::shapes(a), &self.parameters, Order::Torch, &mut file);
         file.insert(CODEBOOK, &[a.codes, a.code_dim], self.codebook.clone());
-        file.insert("mean", &[FEATURES], self.normalization.mean.clone());
-        file.insert("std", &[FEATURES], self.normalization.std.clone());
+        self.normalization.store(&mut file);
         Ok(file.save(path)?)
     }
 
@@ -93,24 +76,12 @@ impl Checkpoint {
     /// [`Error::File`] naming the entry or tensor that is missing or does not fit, [`Error::Setting`] for a configuration out of
     /// range.
     pub fn load(path: &Path) -> Result<Self, Error> {
-        let file = TensorFile::load(path)?;
-        file.expect("format", FORMAT)?;
-        file.expect("version", VERSION)?;
-        let config: Config = file.parsed("training")?;
-        config.check()?;
+        let file = FORMAT.load(path)?;
+        let config = file.parsed::<Config>("training")?.checked()?;
         let facts: Facts = file.parsed("config")?;
         let Architecture { codes, code_dim, .. } = config.architecture;
-        let shapes = model::shapes(&config.architecture);
-        let mut parameters = Vec::with_capacity(model::parameter_count(&shapes));
-        for shape in &shapes {
-            let torch = [shape.outputs, shape.inputs, shape.kernel];
-            parameters.extend(from_torch(shape, file.values(&format!("{}.weight", shape.name), &torch)?));
-            parameters.extend(file.values(&format!("{}.bias", shape.name), &[shape.outputs])?);
-        }
-        let normalization = Normalization {
-            mean: file.values("mean", &[FEATURES])?.to_vec(),
-            std: file.values("std", &[FEATURES])?.to_vec(),
-        };
+        let parameters = convolution::restore(&model::shapes(&config.architecture), Order::Torch, &file)?;
+        let normalization = Normalization::restored(&file)?;
         let codebook = file.values(CODEBOOK, &[codes, code_dim])?.to_vec();
         Ok(Self { config, parameters, codebook, normalization, steps: facts.steps, data_hash: facts.data_hash })
     }
@@ -121,30 +92,4 @@ impl Checkpoint {
 struct Facts {
     steps: u64,
     data_hash: String,
-}
-
-/// `[k][in][out]` to `[out][in][k]`.
-fn to_torch(shape: &Shape, weight: &[f32]) -> Vec<f32> {
-    let Shape { inputs, outputs, kernel, .. } = *shape;
-    let at = |o: usize, i: usize, k: usize| weight[(k * inputs + i) * outputs + o];
-    let mut turned = Vec::with_capacity(weight.len());
-    for o in 0..outputs {
-        for i in 0..inputs {
-            turned.extend((0..kernel).map(|k| at(o, i, k)));
-        }
-    }
-    turned
-}
-
-/// `[out][in][k]` to `[k][in][out]`.
-fn from_torch(shape: &Shape, weight: &[f32]) -> Vec<f32> {
-    let Shape { inputs, outputs, kernel, .. } = *shape;
-    let at = |o: usize, i: usize, k: usize| weight[(o * inputs + i) * kernel + k];
-    let mut turned = Vec::with_capacity(weight.len());
-    for k in 0..kernel {
-        for i in 0..inputs {
-            turned.extend((0..outputs).map(|o| at(o, i, k)));
-        }
-    }
-    turned
 }

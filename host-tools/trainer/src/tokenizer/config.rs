@@ -2,8 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Error;
-use crate::schedule;
+use super::curves::{Evaluation, Point, panels};
+use super::quantizer::Codebook;
+use crate::chart::Panel;
+use crate::harness::configuration::DatasetHash;
+use crate::harness::{Configuration, Curves, Error};
+use crate::setting::{OutOfRange, require};
+use crate::tensor_file::Format;
+use crate::{optimizer, schedule};
 
 /// Features of one frame (EQUATIONS section 1).
 pub const FEATURES: usize = 263;
@@ -142,49 +148,46 @@ impl Config {
                 quantize_from: 3,
                 ..nano
             }),
-            _ => Err(Error::UnknownPreset { name: name.to_owned() }),
+            _ => Err(Error::UnknownPreset { name: name.to_owned(), known: "nano or tiny" }),
         }
     }
+}
 
-    /// Course of the learning rate.
-    pub fn schedule(&self) -> schedule::Settings {
-        let Self { learning_rate, warm_up, decay, final_rate, .. } = *self;
-        schedule::Settings { learning_rate, warm_up, decay, final_rate }
-    }
+impl Configuration for Config {
+    const STATE: Format = Format { name: "motionette-tokenizer-state", version: "1" };
+    type Sources = DatasetHash;
+    type Extra = Option<Codebook>;
+    type Point = Point;
+    type Evaluation = Evaluation;
 
-    /// Checks what the rest of the trainer relies on.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] with the field, its value and what is allowed.
-    pub fn check(&self) -> Result<(), Error> {
-        let require = |holds: bool, field: &'static str, value: String, allowed: &'static str| {
-            if holds { Ok(()) } else { Err(Error::Setting { field, value, allowed }) }
-        };
+    fn check(&self) -> Result<(), OutOfRange> {
         let a = &self.architecture;
-        let width = 1..=1024;
-        require(width.contains(&a.width), "width", a.width.to_string(), "1 to 1024")?;
-        require(width.contains(&a.encoder_width), "encoder_width", a.encoder_width.to_string(), "1 to 1024")?;
-        require(width.contains(&a.code_dim), "code_dim", a.code_dim.to_string(), "1 to 1024")?;
-        require((2..=65536).contains(&a.codes), "codes", a.codes.to_string(), "2 to 65536")?;
+        for (field, width) in [("width", a.width), ("encoder_width", a.encoder_width), ("code_dim", a.code_dim)] {
+            require((1..=1024).contains(&width), field, width, "1 to 1024")?;
+        }
+        require((2..=65536).contains(&a.codes), "codes", a.codes, "2 to 65536")?;
         let dilations = (1..=8).contains(&a.dilations.len()) && a.dilations.iter().all(|d| (1..=64).contains(d));
         require(dilations, "dilations", format!("{:?}", a.dilations), "1 to 8 values, each 1 to 64")?;
-        require((1..=4096).contains(&self.batch), "batch", self.batch.to_string(), "1 to 4096")?;
+        require((1..=4096).contains(&self.batch), "batch", self.batch, "1 to 4096")?;
         let window = self.window.is_multiple_of(FRAMES_PER_TOKEN) && (8..=MAX_FRAMES).contains(&self.window);
-        require(window, "window", self.window.to_string(), "a multiple of 4 from 8 to 196")?;
-        let rate = self.learning_rate > 0.0 && self.learning_rate <= 0.1;
-        require(rate, "learning_rate", self.learning_rate.to_string(), "above 0, at most 0.1")?;
-        require((0.0..=1.0).contains(&self.decay), "decay", self.decay.to_string(), "0 to 1")?;
-        require((0.0..1.0).contains(&self.average_decay), "average_decay", self.average_decay.to_string(), "0 to 1")?;
-        require(
-            (0.0..1.0).contains(&self.codebook_decay),
-            "codebook_decay",
-            self.codebook_decay.to_string(),
-            "0 to 1",
-        )?;
-        require(self.clip > 0.0, "clip", self.clip.to_string(), "above 0")?;
+        require(window, "window", self.window, "a multiple of 4 from 8 to 196")?;
+        require((0.0..1.0).contains(&self.codebook_decay), "codebook_decay", self.codebook_decay, "0 to 1")?;
         let l = &self.loss;
         let terms = [l.position, l.velocity, l.root, l.heading, l.commitment];
         let weights = l.groups.iter().chain(&terms).all(|w| w.is_finite() && *w >= 0.0);
         require(weights, "loss", format!("{l:?}"), "weights that are finite and not negative")
+    }
+
+    fn schedule(&self) -> schedule::Settings {
+        let Self { learning_rate, warm_up, decay, final_rate, .. } = *self;
+        schedule::Settings { learning_rate, warm_up, decay, final_rate }
+    }
+
+    fn optimizer(&self) -> optimizer::Settings {
+        optimizer::Settings::new(self.weight_decay, self.clip, self.average_decay)
+    }
+
+    fn panels(curves: &Curves<Point, Evaluation>) -> Vec<Panel> {
+        panels(curves)
     }
 }

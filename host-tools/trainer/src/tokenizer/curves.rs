@@ -1,14 +1,13 @@
-//! The course of a run as JSON and as a picture.
+//! Points and diagrams of a run.
 
-use std::path::Path;
+use std::fmt;
 
-use motionette_host::output::write_atomic;
 use serde::{Deserialize, Serialize};
 
-use super::Error;
 use super::loss::Terms;
-use super::metrics::Report;
-use crate::{chart, tensor_file};
+use super::metrics::{self, Report};
+use crate::chart::Panel;
+use crate::harness::{Curves, Figures};
 
 /// Means over the steps since the point before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,52 +37,56 @@ pub struct Evaluation {
     pub reports: Vec<Report>,
 }
 
-/// All points of a run.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Curves {
-    /// Of the training batches.
-    pub points: Vec<Point>,
-    /// Of whole clips.
-    pub evaluations: Vec<Evaluation>,
+impl Figures for Point {
+    fn step(&self) -> u64 {
+        self.step
+    }
 }
 
-impl Curves {
-    /// Writes `<stem>.curves.json` and `<stem>.curves.svg` beside `checkpoint`.
-    ///
-    /// # Errors
-    /// [`Error::File`].
-    pub fn save(&self, checkpoint: &Path) -> Result<(), Error> {
-        let json = serde_json::to_vec(self).unwrap_or_default();
-        write_atomic(checkpoint.with_extension("curves.json"), |w| w.write_all(&json))
-            .map_err(tensor_file::Error::from)?;
-        let svg = self.svg();
-        write_atomic(checkpoint.with_extension("curves.svg"), |w| w.write_all(svg.as_bytes()))
-            .map_err(tensor_file::Error::from)?;
-        Ok(())
+impl fmt::Display for Point {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rate, terms, commitment, perplexity, moved, gradient_norm, .. } = self;
+        let Terms { features, position, root, heading, total, .. } = terms;
+        let (position, root) = (1e3 * position, 1e3 * root);
+        write!(
+            f,
+            "rate {rate:.1e} loss {total:.4} features {features:.4} position {position:.1} mm root {root:.0} mm "
+        )?;
+        write!(f, "heading {heading:.3} commitment {commitment:.4} perplexity {perplexity:.0} moved {moved} ")?;
+        write!(f, "norm {gradient_norm:.2}")
     }
+}
 
-    /// Two panels over steps: the objective's weighted sum, and root-aligned error of every evaluated subset.
-    pub fn svg(&self) -> String {
-        let steps = self.points.last().map_or(1, |p| p.step).max(self.evaluations.last().map_or(1, |e| e.step)).max(1);
-        let loss: Vec<(u64, f64)> = self.points.iter().map(|p| (p.step, f64::from(p.terms.total))).collect();
-        let mut names: Vec<String> = Vec::new();
-        for report in self.evaluations.iter().flat_map(|e| &e.reports) {
-            let name = format!("{} {}", report.split, report.subset);
-            if !names.contains(&name) {
-                names.push(name);
-            }
-        }
-        let of = |name: &String| -> Vec<(u64, f64)> {
-            let reports = self.evaluations.iter().flat_map(|e| e.reports.iter().map(move |r| (e.step, r)));
-            reports
-                .filter(|(_, r)| format!("{} {}", r.split, r.subset) == *name)
-                .map(|(s, r)| (s, r.mpjpe_root_mm))
-                .collect()
-        };
-        let errors: Vec<chart::Line> = names.iter().map(|name| (name.clone(), of(name))).collect();
-        let panels = [("objective", vec![("training".to_owned(), loss)]), ("root-aligned MPJPE, mm", errors)];
-        chart::document(steps, &panels)
+impl Figures for Evaluation {
+    fn step(&self) -> u64 {
+        self.step
     }
+}
+
+impl fmt::Display for Evaluation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(metrics::table(&self.reports).trim_end())
+    }
+}
+
+/// The objective's weighted sum, and the root-aligned error of every evaluated subset.
+pub fn panels(curves: &Curves<Point, Evaluation>) -> Vec<Panel> {
+    let name = |report: &Report| format!("{} {}", report.split, report.subset);
+    let mut names: Vec<String> = Vec::new();
+    for report in curves.evaluations.iter().flat_map(|evaluation| &evaluation.reports) {
+        if !names.contains(&name(report)) {
+            names.push(name(report));
+        }
+    }
+    let error = |subset: &String| {
+        curves.evaluation_line(subset, |evaluation| {
+            evaluation.reports.iter().find(|report| name(report) == *subset).map(|report| report.mpjpe_root_mm)
+        })
+    };
+    vec![
+        Panel { title: "objective", lines: vec![curves.line("training", |point| f64::from(point.terms.total))] },
+        Panel { title: "root-aligned MPJPE, mm", lines: names.iter().map(error).collect() },
+    ]
 }
 
 #[cfg(test)]
@@ -113,9 +116,12 @@ mod tests {
             reports: vec![report(Val, "a", error), report(Test, "a", error), report(Test, "b", error)],
         };
         let curves = Curves { points: Vec::new(), evaluations: vec![evaluation(10, 80.0), evaluation(20, 40.0)] };
-        let svg = curves.svg();
+        let svg = curves.svg(&panels(&curves));
         assert_eq!(svg.matches("<polyline").count(), 3);
         assert!(svg.contains("test b") && svg.ends_with("</svg>\n") && !svg.contains("NaN") && !svg.contains("inf"));
-        assert_eq!(serde_json::from_slice::<Curves>(&serde_json::to_vec(&curves).unwrap()).unwrap(), curves);
+        assert_eq!(
+            serde_json::from_slice::<Curves<Point, Evaluation>>(&serde_json::to_vec(&curves).unwrap()).unwrap(),
+            curves
+        );
     }
 }

@@ -7,11 +7,11 @@
 //! | [`model`] | encoder and decoder |
 //! | [`quantizer`] | codebook with running means and reset of dead codes |
 //! | [`loss`] | objective in metres and over time, with its gradient |
-//! | [`training`] | one step, and the run around it |
-//! | [`state`] | everything a run needs to go on, as a file |
+//! | [`training`] | one step |
+//! | [`state`] | what a run begins with, and the codebook in its state |
 //! | [`checkpoint`] | the finished tokenizer, as a file |
 //! | [`metrics`] | joint errors, drift, code use |
-//! | [`curves`] | the run as JSON and SVG |
+//! | [`curves`] | points and diagrams of a run |
 //! | [`command`] | `motionette-train tokenizer` |
 
 pub mod batch;
@@ -28,32 +28,14 @@ pub mod state;
 mod tests;
 pub mod training;
 
-use std::path::PathBuf;
-
-use motionette_host::dataset::{self, Split};
+use motionette_host::dataset::Split;
 use motionette_host::motion::features;
 
-use crate::tensor_file;
+use crate::harness;
 
 /// Why a tokenizer cannot be trained or measured.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// There is no such preset.
-    #[error("there is no preset {name:?}; use nano or tiny")]
-    UnknownPreset {
-        /// Name as given.
-        name: String,
-    },
-    /// A setting is out of range.
-    #[error("{field} is {value}; allowed: {allowed}")]
-    Setting {
-        /// Name of the setting.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// What it may be.
-        allowed: &'static str,
-    },
     /// A split has no clip that is long enough.
     #[error("the dataset has no {split} clip of at least one token (4 frames); import clips of that split")]
     NoMotion {
@@ -68,27 +50,7 @@ pub enum Error {
         /// Why not.
         source: features::Error,
     },
-    /// The dataset cannot be used.
+    /// The run or one of its files.
     #[error(transparent)]
-    Dataset(#[from] dataset::Error),
-    /// A checkpoint or state file cannot be used.
-    #[error(transparent)]
-    File(#[from] tensor_file::Error),
-    /// A state file belongs to another run.
-    #[error("{} was written by a run with another {what}; start a new run or give the same {what}", path.display())]
-    OtherRun {
-        /// The state file.
-        path: PathBuf,
-        /// What differs.
-        what: &'static str,
-    },
-    /// The objective is no longer a number.
-    #[error("the objective is not finite at step {step}; lower the learning rate and start from an earlier state")]
-    Diverged {
-        /// The step.
-        step: u64,
-    },
-    /// Neither steps nor minutes were given.
-    #[error("the run has no end: give --steps or --minutes")]
-    NoEnd,
+    Run(#[from] harness::Error),
 }

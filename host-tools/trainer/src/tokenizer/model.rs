@@ -288,12 +288,7 @@ mod tests {
         let mut offset = 0;
         for shape in shapes(&a) {
             for index in [offset, offset + shape.weights() / 2, offset + shape.parameters() - 1] {
-                let h = 1e-3;
-                let mut moved = start.clone();
-                moved[index] = start[index] + h;
-                let above = value(&moved);
-                moved[index] = start[index] - h;
-                let slope = (above - value(&moved)) / f64::from(2.0 * h);
+                let slope = crate::testing::slope(value, &start, index, 1e-3);
                 let error = (slope - f64::from(gradient[index])).abs();
                 assert!(error < 0.05 + 0.03 * slope.abs(), "{} {index}: {slope} {}", shape.name, gradient[index]);
             }

@@ -7,6 +7,7 @@ use super::config::Config;
 use super::state::State;
 use super::training::Trainer;
 use super::{Error, metrics};
+use crate::harness::{self, Configuration, Run};
 use crate::schedule::Plan;
 use crate::{tensor_file, testing};
 
@@ -14,22 +15,27 @@ fn tiny() -> Config {
     Config { learning_rate: 5e-3, average_decay: 0.9, ..Config::preset("tiny").unwrap() }
 }
 
-fn trainer(dataset: &Dataset, steps: u64) -> Trainer {
-    let mut state = State::new(&tiny(), &dataset.hash);
+/// A run of `steps` steps; quantisation begins at the third.
+fn run(dataset: &Dataset, steps: u64) -> Run<Trainer<'_>> {
+    let mut state = State::begin(&tiny(), &dataset.hash);
     state.plan = Some(Plan::of_steps(steps, state.config.decay));
-    Trainer::new(state, dataset).unwrap()
+    Run::new(Trainer::new(&tiny(), dataset).unwrap(), state).unwrap()
+}
+
+fn checkpoint(run: &Run<Trainer<'_>>) -> Option<Checkpoint> {
+    run.training.checkpoint(&run.state)
 }
 
 #[test]
 fn training_lowers_the_objective_and_the_error_of_whole_clips() {
     let dataset = testing::dataset(12, 48);
-    let mut trainer = trainer(&dataset, 400);
+    let mut run = run(&dataset, 400);
     let mut totals = Vec::new();
     let mut first = None;
     for _ in 0..400 {
-        totals.push(trainer.step().unwrap().terms.total);
-        if trainer.state.step == 5 {
-            first = trainer.checkpoint();
+        totals.push(run.step().unwrap().terms.total);
+        if run.state.step == 5 {
+            first = checkpoint(&run);
         }
     }
     let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
@@ -40,51 +46,30 @@ fn training_lowers_the_objective_and_the_error_of_whole_clips() {
         assert_eq!(reports.len(), 1);
         reports[0].mpjpe_root_mm
     };
-    let (early, late) = (error(&first.unwrap()), error(&trainer.checkpoint().unwrap()));
+    let (early, late) = (error(&first.unwrap()), error(&checkpoint(&run).unwrap()));
     assert!(late < 0.8 * early, "error {early} -> {late}");
 }
 
 #[test]
 fn a_resumed_run_equals_an_uninterrupted_one() {
     let dataset = testing::dataset(8, 40);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.state.safetensors");
-    let mut whole = trainer(&dataset, 12);
-    for _ in 0..12 {
-        whole.step().unwrap();
-    }
-    // Interrupted before quantisation begins (3), after it, and within the fall.
-    for stop in [2, 6, 11] {
-        let mut before = trainer(&dataset, 12);
-        for _ in 0..stop {
-            before.step().unwrap();
-        }
-        before.state.save(&path).unwrap();
-        let stored = State::load(&path).unwrap();
-        assert_eq!(stored, before.state);
-        drop(before);
-        let mut after = Trainer::new(stored, &dataset).unwrap();
-        for _ in stop..12 {
-            after.step().unwrap();
-        }
-        assert_eq!(after.state, whole.state, "stopped at {stop}");
-    }
+    testing::assert_resumes(|| run(&dataset, 12));
 }
 
 #[test]
 fn a_checkpoint_round_trips_and_has_the_published_names() {
     let dataset = testing::dataset(8, 40);
-    let mut trainer = trainer(&dataset, 6);
-    assert!(trainer.checkpoint().is_none(), "no codes yet");
+    let mut run = run(&dataset, 6);
+    assert!(checkpoint(&run).is_none(), "no codes yet");
     for _ in 0..6 {
-        trainer.step().unwrap();
+        run.step().unwrap();
     }
-    let checkpoint = trainer.checkpoint().unwrap();
-    let reports = metrics::evaluate(&checkpoint, &dataset, &[Split::Val]).unwrap();
+    let trained = checkpoint(&run).unwrap();
+    let reports = metrics::evaluate(&trained, &dataset, &[Split::Val]).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("tiny.safetensors");
-    checkpoint.save(&path, &reports).unwrap();
-    assert_eq!(Checkpoint::load(&path).unwrap(), checkpoint);
+    trained.save(&path, &reports).unwrap();
+    assert_eq!(Checkpoint::load(&path).unwrap(), trained);
     let file = tensor_file::TensorFile::load(&path).unwrap();
     // Sizes of the preset: width 8, encoder 12, codes 8 x 4, two blocks a stage.
     for (name, shape) in [
@@ -112,13 +97,13 @@ fn a_checkpoint_round_trips_and_has_the_published_names() {
 #[test]
 fn a_checkpoint_that_lacks_something_is_refused_by_name() {
     let dataset = testing::dataset(8, 40);
-    let mut trainer = trainer(&dataset, 4);
+    let mut run = run(&dataset, 4);
     for _ in 0..4 {
-        trainer.step().unwrap();
+        run.step().unwrap();
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("tiny.safetensors");
-    trainer.checkpoint().unwrap().save(&path, &[]).unwrap();
+    checkpoint(&run).unwrap().save(&path, &[]).unwrap();
     let whole = tensor_file::TensorFile::load(&path).unwrap();
     for name in whole.tensors.keys() {
         let mut part = whole.clone();
@@ -137,9 +122,9 @@ fn a_checkpoint_that_lacks_something_is_refused_by_name() {
 #[test]
 fn an_exploding_run_stops_with_a_typed_error() {
     let dataset = testing::dataset(6, 40);
-    let mut trainer = trainer(&dataset, 10);
-    trainer.state.optimizer.values.fill(1e30);
-    assert!(matches!(trainer.step(), Err(Error::Diverged { step: 0 })));
+    let mut run = run(&dataset, 10);
+    run.state.optimizer.values.fill(1e30);
+    assert!(matches!(run.step(), Err(Error::Run(harness::Error::Diverged { step: 0 }))));
 }
 
 #[test]
@@ -150,7 +135,7 @@ fn settings_out_of_range_are_refused() {
         (Config { learning_rate: f32::NAN, ..tiny() }, "learning_rate"),
         (Config { decay: 2.0, ..tiny() }, "decay"),
     ] {
-        assert!(matches!(change.check(), Err(Error::Setting { field: f, .. }) if f == field), "{field}");
+        assert_eq!(change.checked().unwrap_err().field, field);
     }
-    assert!(matches!(Config::preset("huge"), Err(Error::UnknownPreset { .. })));
+    assert!(matches!(Config::preset("huge"), Err(harness::Error::UnknownPreset { .. })));
 }

@@ -3,21 +3,23 @@
 //! The graph is cut at the codes: the decoder is differentiated down to the code vectors, the straight-through estimator hands
 //! that gradient to the latents, the commitment term is added there, and the encoder is differentiated from the latents.
 
-use burn::tensor::{Device, Tensor, TensorData};
-use motionette_host::dataset::Dataset;
+use std::path::Path;
 
-use super::Error;
+use burn::tensor::{Device, Tensor, TensorData};
+use motionette_host::dataset::{Dataset, Split};
+
 use super::batch::{Batch, Corpus};
 use super::checkpoint::Checkpoint;
 use super::config::{Config, FEATURES, FRAMES_PER_TOKEN};
+use super::curves::{Evaluation, Point};
 use super::loss::{Objective, Terms};
 use super::model::{self, Masks, Network};
-use super::quantizer::Codebook;
+use super::quantizer::{Codebook, Usage};
 use super::state::State;
+use super::{Error, metrics};
 use crate::convolution::decay_mask;
-use crate::optimizer::Settings;
+use crate::harness::{self, Training, Update};
 use crate::random::Random;
-use crate::schedule;
 
 /// Batches whose latents the codebook starts from.
 const KMEANS_BATCHES: u64 = 16;
@@ -35,33 +37,85 @@ pub struct Step {
     pub ids: Vec<u16>,
     /// Dead codes that were moved.
     pub moved: usize,
-    /// Learning rate.
-    pub rate: f32,
-    /// Global norm of the gradient.
-    pub gradient_norm: f32,
+    /// What the optimiser did.
+    pub update: Update,
 }
 
-/// A run in memory.
-pub struct Trainer {
-    /// What is stored.
-    pub state: State,
+/// Sums over the steps since the last point.
+#[derive(Debug, Default)]
+pub struct Means {
+    steps: f32,
+    terms: Terms,
+    commitment: f32,
+    gradient_norm: f32,
+    rate: f32,
+    moved: usize,
+    counts: Vec<u64>,
+}
+
+impl harness::Means<Step, Point> for Means {
+    fn add(&mut self, step: &Step) {
+        self.steps += 1.0;
+        let (sum, terms) = (&mut self.terms, &step.terms);
+        sum.features += terms.features;
+        sum.position += terms.position;
+        sum.velocity += terms.velocity;
+        sum.root += terms.root;
+        sum.heading += terms.heading;
+        sum.total += terms.total;
+        self.commitment += step.commitment;
+        self.gradient_norm += step.update.gradient_norm;
+        self.rate = step.update.rate;
+        self.moved += step.moved;
+        for id in &step.ids {
+            let id = usize::from(*id);
+            if id >= self.counts.len() {
+                self.counts.resize(id + 1, 0);
+            }
+            self.counts[id] += 1;
+        }
+    }
+
+    fn point(&self, step: u64) -> Point {
+        let n = self.steps.max(1.0);
+        Point {
+            step,
+            rate: self.rate,
+            terms: Terms {
+                features: self.terms.features / n,
+                position: self.terms.position / n,
+                velocity: self.terms.velocity / n,
+                root: self.terms.root / n,
+                heading: self.terms.heading / n,
+                total: self.terms.total / n,
+            },
+            commitment: self.commitment / n,
+            perplexity: Usage::of(&self.counts).perplexity,
+            moved: self.moved,
+            gradient_norm: self.gradient_norm / n,
+        }
+    }
+}
+
+/// Data and objective of a run.
+pub struct Trainer<'d> {
+    dataset: &'d Dataset,
     corpus: Corpus,
     objective: Objective,
     device: Device,
     decayed: Vec<bool>,
 }
 
-impl Trainer {
-    /// A trainer that goes on from `state` with the training split of `dataset`.
+impl<'d> Trainer<'d> {
+    /// A trainer on the training split of `dataset`.
     ///
     /// # Errors
-    /// [`Error::Setting`], [`Error::NoMotion`], [`Error::Mirror`].
-    pub fn new(state: State, dataset: &Dataset) -> Result<Self, Error> {
-        state.config.check()?;
+    /// [`Error::NoMotion`], [`Error::Mirror`].
+    pub fn new(config: &Config, dataset: &'d Dataset) -> Result<Self, Error> {
         let corpus = Corpus::new(dataset)?;
-        let objective = Objective::new(&state.config.loss, corpus.normalization());
-        let decayed = decay_mask(&model::shapes(&state.config.architecture));
-        Ok(Self { state, corpus, objective, device: Device::flex(), decayed })
+        let objective = Objective::new(&config.loss, corpus.normalization());
+        let decayed = decay_mask(&model::shapes(&config.architecture));
+        Ok(Self { dataset, corpus, objective, device: Device::flex(), decayed })
     }
 
     /// The training motions.
@@ -69,28 +123,70 @@ impl Trainer {
         &self.corpus
     }
 
-    /// Draws the step's batch, updates weights and codebook.
-    ///
-    /// # Errors
-    /// [`Error::Diverged`] when the objective or its gradient is not finite; the state is then as before the step.
-    pub fn step(&mut self) -> Result<Step, Error> {
-        let step = self.state.step;
-        let config = self.state.config.clone();
+    /// The averaged weights with the codebook; none before quantisation.
+    pub fn checkpoint(&self, state: &State) -> Option<Checkpoint> {
+        let book = state.extra.as_ref()?;
+        Some(Checkpoint {
+            config: state.config.clone(),
+            parameters: state.optimizer.average.clone(),
+            codebook: book.rows.clone(),
+            normalization: self.corpus.normalization().clone(),
+            steps: state.step,
+            data_hash: state.sources.data_hash.clone(),
+        })
+    }
+
+    fn features(&self, batch: &Batch, config: &Config, device: &Device) -> Tensor<3> {
+        let shape = [batch.lengths.len(), config.window, FEATURES];
+        Tensor::from_data(TensorData::new(batch.features.clone(), shape), device)
+    }
+
+    /// k-means over latents of fresh batches.
+    fn first_codebook(&self, state: &State) -> Codebook {
+        let config = &state.config;
         let dim = config.architecture.code_dim;
-        if self.state.codebook.is_none() && step >= config.quantize_from {
-            self.state.codebook = Some(self.first_codebook(&config));
+        let network = Network::new(&config.architecture, &state.optimizer.values, false, &self.device);
+        let mut latents = Vec::new();
+        for index in 0..KMEANS_BATCHES {
+            let mut random = Random::new(config.seed, KMEANS_STREAM + 1 + index);
+            let batch = self.corpus.batch(config.batch, config.window, &mut random);
+            let masks = Masks::new(&batch.lengths, config.window, &self.device);
+            let z = network.encode(self.features(&batch, config, &self.device), masks.as_ref());
+            let z = z.into_data().try_into_vec::<f32>().expect("latents are f32");
+            let tokens = valid_tokens(&batch.lengths, config.window);
+            latents.extend(tokens.iter().flat_map(|token| z[token * dim..][..dim].iter().copied()));
         }
-        let mut random = Random::new(config.seed, step);
+        Codebook::from_latents(&latents, config.architecture.codes, dim, &mut Random::new(config.seed, KMEANS_STREAM))
+    }
+}
+
+impl Training for Trainer<'_> {
+    type Config = Config;
+    type Step = Step;
+    type Means = Means;
+    type Error = Error;
+
+    fn decayed(&self) -> &[bool] {
+        &self.decayed
+    }
+
+    fn step(&mut self, state: &mut State) -> Result<Step, Error> {
+        let config = state.config.clone();
+        let dim = config.architecture.code_dim;
+        if state.extra.is_none() && state.step >= config.quantize_from {
+            state.extra = Some(self.first_codebook(state));
+        }
+        let mut random = Random::new(config.seed, state.step);
         let batch = self.corpus.batch(config.batch, config.window, &mut random);
         let device = self.device.clone().autodiff();
         let masks = Masks::new(&batch.lengths, config.window, &device);
-        let network = Network::new(&config.architecture, &self.state.optimizer.values, true, &device);
+        let network = Network::new(&config.architecture, &state.optimizer.values, true, &device);
 
         let latents = network.encode(self.features(&batch, &config, &device), masks.as_ref());
         let z = latents.to_data().try_into_vec::<f32>().expect("latents are f32");
         let tokens = valid_tokens(&batch.lengths, config.window);
         let valid: Vec<f32> = tokens.iter().flat_map(|token| z[token * dim..][..dim].iter().copied()).collect();
-        let (codes, ids) = match &self.state.codebook {
+        let (codes, ids) = match &state.extra {
             Some(book) => {
                 let ids = book.nearest(&valid);
                 (ids.iter().flat_map(|id| book.rows[usize::from(*id) * dim..][..dim].iter().copied()).collect(), ids)
@@ -108,75 +204,54 @@ impl Trainer {
         let y = output.to_data().try_into_vec::<f32>().expect("outputs are f32");
         let mut by_output = vec![0.0; y.len()];
         let terms = self.objective.evaluate(&y, &batch.features, &batch.lengths, config.window, &mut by_output);
-        if !terms.total.is_finite() {
-            return Err(Error::Diverged { step });
-        }
+        state.check_finite(f64::from(terms.total))?;
 
-        let mut flat = vec![0.0; self.state.optimizer.values.len()];
+        let mut flat = vec![0.0; state.optimizer.values.len()];
         let by_output = Tensor::<3>::from_data(TensorData::new(by_output, output.dims()), &device);
         let gradients = (output * by_output).sum().backward();
         network.collect_gradients(&gradients, &mut flat);
         let by_code = u.grad(&gradients).expect("the codes are a leaf").into_data();
         let by_code = by_code.try_into_vec::<f32>().expect("gradients are f32");
-        let (by_latent, commitment) = through(&by_code, &tokens, &valid, &codes, dim, config.loss.commitment);
+        let coded = Coded { tokens: &tokens, latents: &valid, codes: &codes, dim };
+        let Through { by_latent, commitment } = through(&by_code, &coded, config.loss.commitment);
         let by_latent = Tensor::<3>::from_data(TensorData::new(by_latent, shape), &device);
         let gradients = (latents * by_latent).sum().backward();
         network.collect_gradients(&gradients, &mut flat);
 
-        let settings = Settings::new(config.weight_decay, config.clip, config.average_decay);
-        let rate = schedule::rate(&config.schedule(), self.state.plan, step);
-        let gradient_norm = self.state.optimizer.update(&settings, rate, &flat, &self.decayed);
-        if !gradient_norm.is_finite() {
-            return Err(Error::Diverged { step });
-        }
-        let dead_below = if self.settling() { 0.0 } else { config.dead_below };
-        let moved = match &mut self.state.codebook {
+        let update = state.update(&flat, &self.decayed)?;
+        let dead_below = if settling(state) { 0.0 } else { config.dead_below };
+        let moved = match &mut state.extra {
             Some(book) => book.update(&valid, &ids, config.codebook_decay, dead_below, &mut random),
             None => 0,
         };
-        self.state.step += 1;
-        Ok(Step { terms, commitment, ids, moved, rate, gradient_norm })
+        Ok(Step { terms, commitment, ids, moved, update })
     }
 
-    /// The averaged weights with the codebook; None before quantisation.
-    pub fn checkpoint(&self) -> Option<Checkpoint> {
-        let book = self.state.codebook.as_ref()?;
-        Some(Checkpoint {
-            config: self.state.config.clone(),
-            parameters: self.state.optimizer.average.clone(),
-            codebook: book.rows.clone(),
-            normalization: self.corpus.normalization().clone(),
-            steps: self.state.step,
-            data_hash: self.state.data_hash.clone(),
-        })
+    /// On the validation split, and at the end on the test split as well; on those of them that the dataset has.
+    fn evaluate(&self, state: &State, finished: bool) -> Result<Option<Evaluation>, Error> {
+        let Some(checkpoint) = self.checkpoint(state) else { return Ok(None) };
+        let splits = measured(self.dataset).into_iter().take(if finished { 2 } else { 1 });
+        let reports = metrics::evaluate(&checkpoint, self.dataset, &splits.collect::<Vec<_>>())?;
+        Ok(Some(Evaluation { step: state.step, reports }))
     }
 
-    /// Whether the learning rate has fallen so far that codes should no longer jump: the second half of the fall.
-    fn settling(&self) -> bool {
-        self.state.plan.is_some_and(|plan| self.state.step >= plan.fall_from + (plan.steps - plan.fall_from) / 2)
-    }
-
-    fn features(&self, batch: &Batch, config: &Config, device: &Device) -> Tensor<3> {
-        let shape = [batch.lengths.len(), config.window, FEATURES];
-        Tensor::from_data(TensorData::new(batch.features.clone(), shape), device)
-    }
-
-    /// k-means over latents of fresh batches.
-    fn first_codebook(&self, config: &Config) -> Codebook {
-        let dim = config.architecture.code_dim;
-        let network = Network::new(&config.architecture, &self.state.optimizer.values, false, &self.device);
-        let mut latents = Vec::new();
-        for index in 0..KMEANS_BATCHES {
-            let mut random = Random::new(config.seed, KMEANS_STREAM + 1 + index);
-            let batch = self.corpus.batch(config.batch, config.window, &mut random);
-            let masks = Masks::new(&batch.lengths, config.window, &self.device);
-            let z = network.encode(self.features(&batch, config, &self.device), masks.as_ref());
-            let z = z.into_data().try_into_vec::<f32>().expect("latents are f32");
-            let tokens = valid_tokens(&batch.lengths, config.window);
-            latents.extend(tokens.iter().flat_map(|token| z[token * dim..][..dim].iter().copied()));
+    fn save(&self, state: &State, evaluation: &Evaluation, path: &Path) -> Result<(), Error> {
+        match self.checkpoint(state) {
+            Some(checkpoint) => Ok(checkpoint.save(path, &evaluation.reports)?),
+            None => Ok(()),
         }
-        Codebook::from_latents(&latents, config.architecture.codes, dim, &mut Random::new(config.seed, KMEANS_STREAM))
     }
+}
+
+/// Validation and test split where the dataset has them.
+pub fn measured(dataset: &Dataset) -> Vec<Split> {
+    let has = |split: &Split| dataset.split(*split).next().is_some();
+    [Split::Val, Split::Test].into_iter().filter(has).collect()
+}
+
+/// Whether the learning rate has fallen so far that codes should no longer jump: the second half of the fall.
+fn settling(state: &State) -> bool {
+    state.plan.is_some_and(|plan| state.step >= plan.fall_from + (plan.steps - plan.fall_from) / 2)
 }
 
 /// Indices `b * window / 4 + t` of the tokens inside their crops.
@@ -189,16 +264,29 @@ fn valid_tokens(lengths: &[usize], window: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Gradient with respect to the latents: the codes' own (straight-through) plus that of `weight` times the commitment, the mean
-/// squared difference of latents and codes over valid tokens and channels. Zero where padded. Returns it with the commitment.
-fn through(
-    by_code: &[f32],
-    tokens: &[usize],
-    latents: &[f32],
-    codes: &[f32],
+/// Valid tokens of a batch, their latents and the codes that stand for them.
+struct Coded<'b> {
+    /// Where they are among all tokens.
+    tokens: &'b [usize],
+    /// `[tokens][dim]`.
+    latents: &'b [f32],
+    /// `[tokens][dim]`.
+    codes: &'b [f32],
+    /// Width of a code.
     dim: usize,
-    weight: f32,
-) -> (Vec<f32>, f32) {
+}
+
+/// What the latents are told.
+struct Through {
+    /// Gradient with respect to them, zero where padded.
+    by_latent: Vec<f32>,
+    /// Mean squared difference of latents and codes over valid tokens and channels.
+    commitment: f32,
+}
+
+/// The codes' own gradient (straight-through) plus that of `weight` times the commitment.
+fn through(by_code: &[f32], coded: &Coded<'_>, weight: f32) -> Through {
+    let Coded { tokens, latents, codes, dim } = *coded;
     let mut by_latent = vec![0.0; by_code.len()];
     let share = 1.0 / latents.len().max(1) as f32;
     let mut commitment = 0.0;
@@ -210,5 +298,5 @@ fn through(
             by_latent[token * dim + c] = by_code[token * dim + c] + 2.0 * weight * share * difference;
         }
     }
-    (by_latent, commitment)
+    Through { by_latent, commitment }
 }

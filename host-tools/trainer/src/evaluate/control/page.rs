@@ -117,15 +117,16 @@ impl Page<'_> {
                 };
                 let mut points: Vec<(u64, f64)> = self.entries.iter().filter(on).filter_map(point).collect();
                 points.sort_by_key(|(evaluations, _)| *evaluations);
-                (format!("{family}, {solver}"), points)
+                chart::Line { name: format!("{family}, {solver}"), points }
             };
             families.iter().flat_map(|family| [line(family, "ours"), line(family, "rs")]).collect()
         };
         let panels = [
-            ("control error, cm, over decoder evaluations", lines("control_error_cm")),
-            ("FID over decoder evaluations", lines("fid")),
-            ("jerk, m/s³, over decoder evaluations", lines("jerk")),
-        ];
+            ("control error, cm, over decoder evaluations", "control_error_cm"),
+            ("FID over decoder evaluations", "fid"),
+            ("jerk, m/s³, over decoder evaluations", "jerk"),
+        ]
+        .map(|(title, metric)| chart::Panel { title, lines: lines(metric) });
         chart::document((last("evaluations") as u64).max(1), &panels)
     }
 
