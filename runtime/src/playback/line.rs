@@ -71,7 +71,8 @@ impl<const C: usize, const N: usize> Line<C, N> {
         Line { queue: Queue::new(), control: Control::new() }
     }
 
-    /// The end that motions are put in at, the end that plays them, and the orders for it. The robot stands at neutral.
+    /// The end that motions are put in at, the end that plays them, and the orders for it. The player takes the robot to stand
+    /// at neutral until it is told otherwise ([`Player::stand_at`]).
     ///
     /// # Errors
     /// [`TooManyChannels`] when the robot has more than `C`.

@@ -26,6 +26,9 @@
 //! control.stop(); // from anywhere
 //! # Ok(()) }
 //! ```
+//!
+//! A player takes its robot to stand at neutral. Only an [`output::Runner`] makes sure of it: it finds the servos before it moves them.
+//! Whoever gives servos their commands without one says where they really stand, with [`Player::stand_at`].
 
 pub mod body;
 pub mod control;

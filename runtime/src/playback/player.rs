@@ -315,6 +315,7 @@ impl<'a, const C: usize> Player<'a, C> {
                 *servo = Limiter::new(channel.limits(self.robot.tick_rate, channel.speed), servo.at());
             }
             (self.creeping, self.held) = (false, true);
+            return State::Holding;
         }
         State::Returning
     }
