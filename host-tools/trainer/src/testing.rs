@@ -4,7 +4,7 @@ use std::path::Path;
 
 use motionette_host::dataset::{Builder, Caption, Clip, Dataset, Split};
 use motionette_host::motion::Pose;
-use motionette_host::motion::features::{Options, process};
+use motionette_host::motion::features::{self, process};
 use motionette_host::motion::skeleton::{PARENTS, REST_DIRECTIONS};
 
 use crate::harness::{Configuration, Length, Options, Run, State, Training};
@@ -138,7 +138,7 @@ pub fn dataset(clips: usize, frames: usize) -> Dataset {
         };
         let length = frames - (index * frames / (2 * clips.max(1)));
         let motion: Vec<Pose> = (0..=length).map(|t| pose(index as f32, t as f32 / 20.0)).collect();
-        let processed = process(&motion, &Options::default()).expect("the figure is a motion");
+        let processed = process(&motion, &features::Options::default()).expect("the figure is a motion");
         let clip = Clip {
             id: format!("figure{index}"),
             split,

@@ -213,7 +213,7 @@ fn a_state_is_taken_only_where_it_belongs() {
     assert!(resumed(&seed, &state.sources).unwrap_err().contains("another configuration"));
     let data = DatasetHash { data_hash: "other".into() };
     assert!(resumed(&state.config, &data).unwrap_err().contains("another dataset"));
-    let longer = State { optimizer: crate::optimizer::AdamW::new(vec![0.0; 3]), ..state };
+    let longer = State { optimizer: optimizer::AdamW::new(vec![0.0; 3]), ..state };
     let error = Run::new(Line { slope: 0.0, offset: 0.0 }, longer).err().unwrap();
     assert!(matches!(error, Error::Parameters { found: 3, expected: 2 }), "{error}");
 }
