@@ -132,6 +132,6 @@ impl Generate {
         if anchors.is_empty() {
             return request;
         }
-        motionette::Request { anchors, refinement: self.refinement.config(self.evaluations), ..request }
+        motionette::Request { refinement: self.refinement.config(self.evaluations), ..request.anchors(anchors) }
     }
 }
