@@ -4,7 +4,7 @@
 //! is specified in `PROTOCOL.md` beside this crate.
 //!
 //! # Layers, top-down, and what each may not know
-//! - [`station`]: a ready-made [`Device`] between a playback line and a thread that makes motions; board and simulator use it.
+//! - [`device_state`]: a ready-made [`Device`] between a playback line and a thread that makes motions; board and simulator use it.
 //! - [`thread`]: what that thread does: proves the model, works off tasks.
 //! - [`server`]: the device's side, a state machine with time passed in: sessions, repeated requests, silence of the host.
 //!   Knows what a [`Device`] can do, not how.
@@ -24,14 +24,14 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod device_state;
 pub mod frame;
 pub mod message;
 pub mod server;
-pub mod station;
 pub mod thread;
 pub mod update;
 
+pub use device_state::{DeviceState, Preset, SharedFlags, Task};
 pub use message::{Command, Event, Generate, Refusal, Reply};
 pub use server::{Device, Port, Server, Sink};
-pub use station::{Preset, Station, Task, Vitals};
 pub use update::{Storage, Store};

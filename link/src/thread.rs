@@ -1,19 +1,19 @@
-//! What the thread that makes motions does, on a board as in the simulator: it proves the model, then works off the station's tasks.
+//! What the thread that makes motions does, on a board as in the simulator: it proves the model, then works off its tasks.
 
 use core::ops::ControlFlow;
 use motionette::playback::{Feeder, Full, When};
 use motionette::{Error, Generator, Model, Observer, Progress, Stop};
 
+use crate::device_state::{DeviceState, Task};
 use crate::message::{Event, Failure, Stage, Strain, Understood};
-use crate::station::{Station, Task};
 
-/// Where the thread finds its station.
-pub trait Desk {
-    /// The flash of the station.
+/// Where the thread finds the state of its device.
+pub trait JobHost {
+    /// The flash of the device.
     type Storage;
 
-    /// Does something with the station, to which the link has no access meanwhile: it MUST be short.
-    fn with<R>(&mut self, work: impl FnOnce(&mut Station<'_, Self::Storage>) -> R) -> R;
+    /// Does something with the state, to which the link has no access meanwhile: it MUST be short.
+    fn with<R>(&mut self, work: impl FnOnce(&mut DeviceState<'_, Self::Storage>) -> R) -> R;
 
     /// Lets time pass until something may have changed.
     fn wait(&mut self);
@@ -43,16 +43,16 @@ pub enum Note {
     DoesNotFit(Full),
 }
 
-/// An observer that passes on how far the work is, and gives up when the station says so.
+/// An observer that passes on how far the work is, and gives up when the device says so.
 struct Watch<'d, D> {
-    desk: &'d mut D,
+    jobs: &'d mut D,
 }
 
-impl<D: Desk> Observer for Watch<'_, D> {
+impl<D: JobHost> Observer for Watch<'_, D> {
     fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
-        let aborted = self.desk.with(|station| {
-            station.progress(progress.stage.into(), progress.evaluation, progress.evaluations);
-            station.aborted()
+        let aborted = self.jobs.with(|state| {
+            state.progress(progress.stage.into(), progress.evaluation, progress.evaluations);
+            state.aborted()
         });
         if aborted { ControlFlow::Break(Stop::Abort) } else { ControlFlow::Continue(()) }
     }
@@ -62,48 +62,48 @@ impl<D: Desk> Observer for Watch<'_, D> {
 /// not used.
 ///
 /// # Errors
-/// [`Error`] of the generator itself; jobs that fail are told to the station.
-pub fn run<D: Desk, const C: usize>(
+/// [`Error`] of the generator itself; jobs that fail are told to the device's state.
+pub fn run<D: JobHost, const C: usize>(
     model: &Model<'_>,
     arena: &mut [u8],
     feeder: &mut Feeder<'_, C>,
-    desk: &mut D,
+    jobs: &mut D,
 ) -> Result<(), Error> {
     let mut generator = Generator::new(model.clone(), arena)?;
-    generator.set_rows(desk.with(|station| station.rows()));
+    generator.set_rows(jobs.with(|state| state.rows()));
     let proved = generator.self_test()?;
     if proved == Some(false) {
-        desk.note(Note::Unproved);
-        wait_for_another(desk);
+        jobs.note(Note::Unproved);
+        wait_for_another(jobs);
         return Ok(());
     }
-    desk.note(Note::Proved { tested: proved.is_some() });
-    desk.with(|station| station.opened(model));
+    jobs.note(Note::Proved { tested: proved.is_some() });
+    jobs.with(|state| state.opened(model));
     let mut next = None;
     loop {
-        match next.take().unwrap_or_else(|| task(desk, feeder)) {
+        match next.take().unwrap_or_else(|| task(jobs, feeder)) {
             Task::Reopen => return Ok(()),
             // Nothing is ready any more.
-            Task::Play => desk.with(|station| station.played()),
+            Task::Play => jobs.with(|state| state.played()),
             Task::SelfTest { job } => {
-                desk.with(|station| station.progress(Stage::Testing, 0, 0));
+                jobs.with(|state| state.progress(Stage::Testing, 0, 0));
                 let event = match generator.self_test() {
                     Ok(passed) => Event::SelfTest { job, passed },
                     Err(error) => Event::Failed { job, why: error.into() },
                 };
-                desk.with(|station| station.done(event));
+                jobs.with(|state| state.done(event));
             }
             Task::Generate { job, request } => {
                 let anchors = request.anchors();
-                match generator.generate(&request.request(&anchors), &mut Watch { desk: &mut *desk }) {
+                match generator.generate(&request.request(&anchors), &mut Watch { jobs: &mut *jobs }) {
                     Err(error) => {
-                        desk.note(Note::Failed(error.into()));
-                        desk.with(|station| station.done(Event::Failed { job, why: error.into() }));
+                        jobs.note(Note::Failed(error.into()));
+                        jobs.with(|state| state.done(Event::Failed { job, why: error.into() }));
                     }
                     Ok(motion) => {
                         let frames = motion.frames();
                         let control_error = motion.refinement.and_then(|report| report.after).map(|after| after.mean);
-                        desk.note(Note::Made { frames: frames.len() });
+                        jobs.note(Note::Made { frames: frames.len() });
                         let event = Event::Ready {
                             job,
                             frames: frames.len() as u16,
@@ -111,16 +111,16 @@ pub fn run<D: Desk, const C: usize>(
                             understood: Understood::of(model, &request.text),
                             strain: Strain::of(&motion),
                         };
-                        desk.with(|station| station.done(event));
+                        jobs.with(|state| state.done(event));
                         // The motion lies in the arena until the next one is made.
                         next = loop {
-                            match task(desk, feeder) {
+                            match task(jobs, feeder) {
                                 Task::Play => match feeder.play(&motion, When::Then) {
-                                    Ok(()) => desk.with(|station| station.played()),
-                                    Err(Full::Wait { .. }) => desk.wait(),
+                                    Ok(()) => jobs.with(|state| state.played()),
+                                    Err(Full::Wait { .. }) => jobs.wait(),
                                     Err(full) => {
-                                        desk.note(Note::DoesNotFit(full));
-                                        desk.with(|station| station.played());
+                                        jobs.note(Note::DoesNotFit(full));
+                                        jobs.with(|state| state.played());
                                     }
                                 },
                                 other => break Some(other),
@@ -134,23 +134,23 @@ pub fn run<D: Desk, const C: usize>(
 }
 
 /// Does nothing until another blob is to be opened: there is none, or none that can be used.
-pub fn wait_for_another<D: Desk>(desk: &mut D) {
-    while !desk.with(|station| matches!(station.task(), Some(Task::Reopen))) {
-        desk.wait();
+pub fn wait_for_another<D: JobHost>(jobs: &mut D) {
+    while !jobs.with(|state| matches!(state.task(), Some(Task::Reopen))) {
+        jobs.wait();
     }
 }
 
 /// The next task, however long that takes.
-fn task<D: Desk, const C: usize>(desk: &mut D, feeder: &Feeder<'_, C>) -> Task {
+fn task<D: JobHost, const C: usize>(jobs: &mut D, feeder: &Feeder<'_, C>) -> Task {
     loop {
         let queued = feeder.queued();
-        let task = desk.with(|station| {
-            station.queued(queued);
-            station.task()
+        let task = jobs.with(|state| {
+            state.queued(queued);
+            state.task()
         });
         match task {
             Some(task) => return task,
-            None => desk.wait(),
+            None => jobs.wait(),
         }
     }
 }

@@ -22,9 +22,9 @@ use motionette_host::blob::AlignedBlob;
 use motionette_host::robot_file;
 use motionette_link::message::LossAction;
 use motionette_link::server::Silence;
-use motionette_link::thread::{self, Desk, Note};
+use motionette_link::thread::{self, JobHost, Note};
 use motionette_link::update::blob_in;
-use motionette_link::{Preset, Server, Station, Storage, Store, Vitals};
+use motionette_link::{DeviceState, Preset, Server, SharedFlags, Storage, Store};
 
 use crate::default_model;
 use crate::robot::clock::Clock;
@@ -106,18 +106,18 @@ fn install(flash: &mut Flash, blob: &[u8]) -> Result<()> {
     Ok(())
 }
 
-type Shared = Arc<Mutex<Station<'static, Flash>>>;
+type Shared = Arc<Mutex<DeviceState<'static, Flash>>>;
 
-/// The desk's side of the station.
+/// The job host's side of the device's state.
 struct Thread {
-    station: Shared,
+    state: Shared,
 }
 
-impl Desk for Thread {
+impl JobHost for Thread {
     type Storage = Flash;
 
-    fn with<R>(&mut self, work: impl FnOnce(&mut Station<'_, Flash>) -> R) -> R {
-        work(&mut self.station.lock().unwrap_or_else(PoisonError::into_inner))
+    fn with<R>(&mut self, work: impl FnOnce(&mut DeviceState<'_, Flash>) -> R) -> R {
+        work(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     fn wait(&mut self) {
@@ -149,17 +149,17 @@ fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener, rele
     // They live as long as the process, as in firmware.
     let robot: &'static Robot = Box::leak(Box::new(robot));
     let line: &'static mut Line<CHANNELS, FRAMES> = Box::leak(Box::default());
-    let vitals: &'static Vitals = Box::leak(Box::default());
+    let flags: &'static SharedFlags = Box::leak(Box::default());
     let Ends { mut feeder, player, control } = line.split(robot)?;
     if released {
         control.release();
     }
     let store = Store::open(&flash);
-    let station = Station::new(&robot.name, preset, control, vitals, Some(flash), &store);
-    let station: Shared = Arc::new(Mutex::new(station));
+    let state = DeviceState::new(&robot.name, preset, control, flags, Some(flash), &store);
+    let state: Shared = Arc::new(Mutex::new(state));
 
-    std::thread::spawn(move || tick(robot, player, vitals));
-    let link = Arc::clone(&station);
+    std::thread::spawn(move || tick(robot, player, flags));
+    let link = Arc::clone(&state);
     std::thread::spawn(move || {
         if let Err(error) = talk(listener, &link, store, robot) {
             // Without the link nobody can ask for anything.
@@ -167,11 +167,11 @@ fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener, rele
             std::process::exit(1);
         }
     });
-    think(&mut feeder, station)
+    think(&mut feeder, state)
 }
 
 /// Servo ticks in real time.
-fn tick(robot: &'static Robot, player: Player<'static, CHANNELS>, vitals: &Vitals) {
+fn tick(robot: &'static Robot, player: Player<'static, CHANNELS>, flags: &SharedFlags) {
     let clock = Clock::default();
     let hardware = Rc::new(RefCell::new(Hardware::new(robot, 1)));
     let injector = Rc::new(RefCell::new(Injector::new(&[], 1)));
@@ -184,21 +184,21 @@ fn tick(robot: &'static Robot, player: Player<'static, CHANNELS>, vitals: &Vital
         if let Some(wait) = due.checked_sub(started.elapsed()) {
             std::thread::sleep(wait);
         }
-        // The simulated bus takes virtual time; the desk's own delays are not the robot's.
+        // The simulated bus takes virtual time; this machine's own delays are not the robot's.
         missed += u32::from(clock.now() > tick * period);
         clock.pass_until(tick * period);
         runner.tick(&mut || clock.now() as u32, (period / 2) as u32);
         hardware.borrow_mut().advance((tick + 1) * period);
-        vitals.tick(missed, runner.bus());
+        flags.tick(missed, runner.bus());
     }
 }
 
 /// Serves all hosts.
-fn talk(listener: TcpListener, station: &Shared, store: Store, robot: &Robot) -> Result<()> {
+fn talk(listener: TcpListener, state: &Shared, store: Store, robot: &Robot) -> Result<()> {
     let action = if robot.finish_without_host { LossAction::Finish } else { LossAction::Hold };
     let mut hosts = Hosts::new(listener, Server::new(store, Silence { after_ms: SILENCE, action }))?;
     loop {
-        let mut device = station.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut device = state.lock().unwrap_or_else(PoisonError::into_inner);
         let busy = hosts.serve(&mut *device).context("accepting a host")?;
         drop(device);
         if !busy {
@@ -208,22 +208,22 @@ fn talk(listener: TcpListener, station: &Shared, store: Store, robot: &Robot) ->
 }
 
 /// Makes motions with whichever blob is the newest.
-fn think(feeder: &mut Feeder<'static, CHANNELS>, station: Shared) -> Result<()> {
-    let mut desk = Thread { station };
+fn think(feeder: &mut Feeder<'static, CHANNELS>, state: Shared) -> Result<()> {
+    let mut jobs = Thread { state };
     let mut arena = vec![0u128; ARENA / 16];
     loop {
-        let blob = desk.with(|station| {
-            let (slot, length) = station.blob()?;
-            blob_in::<Flash>(station.flash()?.mapped(slot), length).map(AlignedBlob::new)
+        let blob = jobs.with(|state| {
+            let (slot, length) = state.blob()?;
+            blob_in::<Flash>(state.flash()?.mapped(slot), length).map(AlignedBlob::new)
         });
         match blob.as_ref().map(|blob| Model::open(blob.bytes())) {
             Some(Ok(model)) => {
-                thread::run(&model, bytemuck::cast_slice_mut(&mut arena), feeder, &mut desk)?;
+                thread::run(&model, bytemuck::cast_slice_mut(&mut arena), feeder, &mut jobs)?;
                 continue;
             }
             Some(Err(error)) => say(&format!("the blob is refused: {error}")),
             None => say("no slot holds a blob: send one with `motionette device send-blob`"),
         }
-        thread::wait_for_another(&mut desk);
+        thread::wait_for_another(&mut jobs);
     }
 }

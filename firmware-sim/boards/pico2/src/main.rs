@@ -26,8 +26,8 @@ use embassy_rp::interrupt::{self, InterruptExt, Priority};
 use motionette::Model;
 use motionette::playback::output::{Gate, Pca9685};
 use motionette::playback::{Ends, Feeder, Line, Robot};
-use motionette_link::thread::{self, Desk, Note};
-use motionette_link::{Preset, Station, Store, Vitals};
+use motionette_link::thread::{self, JobHost, Note};
+use motionette_link::{DeviceState, Preset, SharedFlags, Store};
 use panic_probe as _;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -44,8 +44,8 @@ const ARENA: usize = 348 * 1024;
 /// Pulses a second.
 const PULSES: u16 = 50;
 
-static VITALS: Vitals = Vitals::new();
-static STATION: Shared<Station<'static, Slots>> = Shared::new();
+static FLAGS: SharedFlags = SharedFlags::new();
+static DEVICE_STATE: Shared<DeviceState<'static, Slots>> = Shared::new();
 static LINK: InterruptExecutor = InterruptExecutor::new();
 
 #[embassy_rp::interrupt]
@@ -84,9 +84,9 @@ fn main() -> ! {
 
     let slots = Slots::new(Flash::new_blocking(peripherals.FLASH));
     let store = Store::open(&slots);
-    let station = Station::new(robot.name.as_str(), Preset::PICO2, control, &VITALS, Some(slots), &store);
+    let state = DeviceState::new(robot.name.as_str(), Preset::PICO2, control, &FLAGS, Some(slots), &store);
     // SAFETY: the link's interrupt is not enabled yet.
-    unsafe { STATION.set(station) };
+    unsafe { DEVICE_STATE.set(state) };
     interrupt::SWI_IRQ_0.set_priority(Priority::P3);
     let spawner = LINK.start(interrupt::SWI_IRQ_0);
     match usb::serve(peripherals.USB, store, robot.finish_without_host) {
@@ -102,33 +102,33 @@ struct Arena([u8; ARENA]);
 
 /// Makes motions with whichever blob is the newest.
 fn think(feeder: &mut Feeder<'static, CHANNELS>, arena: &mut [u8]) -> ! {
-    let mut desk = Thread;
+    let mut jobs = Thread;
     loop {
-        let blob = desk.with(|station| station.blob()).and_then(flash::blob);
+        let blob = jobs.with(|state| state.blob()).and_then(flash::blob);
         match blob.map(Model::open) {
             None => defmt::warn!("no slot holds a blob: send one with `motionette device send-blob`"),
             Some(Err(error)) => defmt::error!("the blob is refused: {}", defmt::Debug2Format(&error)),
             Some(Ok(model)) => {
-                if let Err(error) = thread::run(&model, arena, feeder, &mut desk) {
+                if let Err(error) = thread::run(&model, arena, feeder, &mut jobs) {
                     defmt::error!("the runtime refuses to work: {}", defmt::Debug2Format(&error));
                 }
                 continue;
             }
         }
         // Until there is one.
-        thread::wait_for_another(&mut desk);
+        thread::wait_for_another(&mut jobs);
     }
 }
 
-/// The thread's side of the station.
+/// The thread's side of the device's state.
 struct Thread;
 
-impl Desk for Thread {
+impl JobHost for Thread {
     type Storage = Slots;
 
-    fn with<R>(&mut self, work: impl FnOnce(&mut Station<'_, Slots>) -> R) -> R {
+    fn with<R>(&mut self, work: impl FnOnce(&mut DeviceState<'_, Slots>) -> R) -> R {
         // SAFETY: `Thread` is only used by `think`, in thread mode, and no work uses it again.
-        match unsafe { STATION.in_thread(work) } {
+        match unsafe { DEVICE_STATE.in_thread(work) } {
             Some(result) => result,
             // It was set before the thread began to think.
             None => rest(),

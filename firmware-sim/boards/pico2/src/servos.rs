@@ -10,7 +10,7 @@ use motionette::playback::output::{Gate, Pca9685, Runner};
 
 use crate::enable::Enable;
 use crate::i2c::Bus;
-use crate::{CHANNELS, VITALS};
+use crate::{CHANNELS, FLAGS};
 
 /// Part of a tick in which attempts on the bus may begin.
 const BUDGET: u32 = 10_000;
@@ -69,7 +69,7 @@ fn TIMER0_IRQ_1() {
             }
             ticker.missed = ticker.missed.wrapping_add(1);
         }
-        VITALS.tick(ticker.missed, ticker.runner.bus());
+        FLAGS.tick(ticker.missed, ticker.runner.bus());
         pac::TIMER0.alarm(ALARM).write_value(ticker.due);
     });
 }

@@ -14,7 +14,7 @@ use motionette_link::server::Silence;
 use motionette_link::{Server, Store};
 use static_cell::ConstStaticCell;
 
-use crate::STATION;
+use crate::DEVICE_STATE;
 
 embassy_rp::bind_interrupts!(struct Interrupts {
     USBCTRL_IRQ => InterruptHandler<USB>;
@@ -62,9 +62,9 @@ pub async fn serve(usb: Peri<'static, USB>, store: Store, finish_without_host: b
             };
             // SAFETY: this task runs in the executor of `Shared::INTERRUPT`.
             let served = unsafe {
-                STATION.in_interrupt(|station| {
-                    server.receive(&mut port, now, bytes, station, &mut out);
-                    server.poll(now, station, &mut out);
+                DEVICE_STATE.in_interrupt(|state| {
+                    server.receive(&mut port, now, bytes, state, &mut out);
+                    server.poll(now, state, &mut out);
                 })
             };
             if served.is_none() {

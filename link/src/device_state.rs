@@ -27,18 +27,18 @@ const EVENTS: usize = 8;
 
 /// What contexts tell each other without locks: whether work is to be given up, and what the servo tick counts.
 #[derive(Debug, Default)]
-pub struct Vitals {
+pub struct SharedFlags {
     /// Set by an emergency stop; observers of the generator abort when it is.
     abort: AtomicBool,
     missed: AtomicU32,
     failed: AtomicU32,
 }
 
-impl Vitals {
+impl SharedFlags {
     /// All well.
     #[must_use]
     pub const fn new() -> Self {
-        Vitals { abort: AtomicBool::new(false), missed: AtomicU32::new(0), failed: AtomicU32::new(0) }
+        SharedFlags { abort: AtomicBool::new(false), missed: AtomicU32::new(0), failed: AtomicU32::new(0) }
     }
 
     /// Whether whoever makes motions is to give up.
@@ -126,11 +126,11 @@ struct Ordered {
 
 /// The device's state between link and thread.
 #[derive(Debug)]
-pub struct Station<'a, S> {
+pub struct DeviceState<'a, S> {
     robot: Name,
     preset: Preset,
     control: &'a Control,
-    vitals: &'a Vitals,
+    flags: &'a SharedFlags,
     storage: Option<S>,
     /// Where the active blob lies, and its bytes.
     blob: Option<(Slot, usize)>,
@@ -155,22 +155,22 @@ pub struct Station<'a, S> {
     events: Deque<Event, EVENTS>,
 }
 
-impl<'a, S> Station<'a, S> {
+impl<'a, S> DeviceState<'a, S> {
     /// A robot of that name whose blobs lie in `storage` as `store` says; the thread has not opened one yet.
     #[must_use]
     pub fn new(
         robot: &str,
         preset: Preset,
         control: &'a Control,
-        vitals: &'a Vitals,
+        flags: &'a SharedFlags,
         storage: Option<S>,
         store: &Store,
     ) -> Self {
-        Station {
+        DeviceState {
             robot: name(robot),
             preset,
             control,
-            vitals,
+            flags,
             storage,
             blob: store.place(),
             model: None,
@@ -206,7 +206,7 @@ impl<'a, S> Station<'a, S> {
         self.storage.as_mut()
     }
 
-    /// For the thread: what to do next. What it is working on is over with [`Station::done`].
+    /// For the thread: what to do next. What it is working on is over with [`DeviceState::done`].
     pub fn task(&mut self) -> Option<Task> {
         if core::mem::take(&mut self.reopen) {
             return Some(Task::Reopen);
@@ -220,7 +220,7 @@ impl<'a, S> Station<'a, S> {
     /// For the thread: whether to give up what it works on.
     #[must_use]
     pub fn aborted(&self) -> bool {
-        self.vitals.aborted()
+        self.flags.aborted()
     }
 
     /// For the thread: the model that was opened and has proved itself.
@@ -245,9 +245,7 @@ impl<'a, S> Station<'a, S> {
     pub fn done(&mut self, event: Event) {
         self.work = None;
         match event {
-            Event::Ready { job, .. } if self.vitals.aborted() => {
-                self.tell(Event::Failed { job, why: Failure::Aborted })
-            }
+            Event::Ready { job, .. } if self.flags.aborted() => self.tell(Event::Failed { job, why: Failure::Aborted }),
             Event::Ready { frames, .. } => {
                 self.ready = Some(frames);
                 self.playing = self.play_when_ready && !self.stopped;
@@ -319,7 +317,7 @@ impl<'a, S> Station<'a, S> {
     }
 }
 
-impl<S: Storage> Device for Station<'_, S> {
+impl<S: Storage> Device for DeviceState<'_, S> {
     type Storage = S;
 
     fn describe(&self) -> Description {
@@ -333,8 +331,8 @@ impl<S: Storage> Device for Station<'_, S> {
             state: self.state(),
             work: self.work,
             frames_queued: waiting,
-            missed_ticks: self.vitals.missed.load(Ordering::Acquire),
-            bus_faults: self.vitals.failed.load(Ordering::Acquire),
+            missed_ticks: self.flags.missed.load(Ordering::Acquire),
+            bus_faults: self.flags.failed.load(Ordering::Acquire),
             ..Condition::of(&status, &BusStatus::default())
         }
     }
@@ -346,7 +344,7 @@ impl<S: Storage> Device for Station<'_, S> {
         if matches!(work, Job::Generate(request) if request.play_when_ready) {
             self.may_play()?;
         }
-        self.vitals.abort.store(false, Ordering::Release);
+        self.flags.abort.store(false, Ordering::Release);
         if !self.playing {
             self.ready = None;
         }
@@ -376,7 +374,7 @@ impl<S: Storage> Device for Station<'_, S> {
 
     fn stop(&mut self) {
         self.control.stop();
-        self.vitals.abort.store(true, Ordering::Release);
+        self.flags.abort.store(true, Ordering::Release);
         if let (Some(Task::Generate { job, .. } | Task::SelfTest { job }), Some(_)) = (self.waiting.take(), self.work) {
             // The thread has not seen it and never will.
             self.work = None;
