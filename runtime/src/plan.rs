@@ -15,7 +15,7 @@ use crate::request::conditions::MAX_ANCHORS;
 /// The largest request that is to be served.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Tokens (4 frames each).
+    /// Tokens.
     pub tokens: usize,
     /// Distinct anchors; 0 = no refinement.
     pub anchors: usize,

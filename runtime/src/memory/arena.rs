@@ -182,7 +182,7 @@ mod tests {
             Ok([first, arena.part(40)?.take::<f32>(10)?])
         }
         assert_eq!(Arena::measure(|arena| carve(arena)), 16 + 48);
-        let mut memory = [0u128; 70];
+        let mut memory = [0u128; 140];
         let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
         let [_, _] = carve(&mut arena).unwrap();
         assert_eq!(arena.used(), 16 + 48);

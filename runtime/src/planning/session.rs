@@ -22,12 +22,12 @@ use core::ops::ControlFlow;
 
 /// What is worked in; there is room for it, since the session took as much.
 macro_rules! worked_in {
-    ($taken:expr, $otherwise:expr) => {{
+    ($taken:expr $(, $otherwise:expr)?) => {{
         let taken = $taken;
         invariant!(taken.is_ok(), "the session took less than it works in");
         match taken {
             Ok(taken) => taken,
-            Err(_) => return $otherwise,
+            Err(_) => return $($otherwise)?,
         }
     }};
 }
@@ -479,7 +479,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let (modules, width) = (self.modules, self.modules.planner.width());
         let rows = part!(self.x, width..(1 + tokens.len()) * width);
         let mut spare = self.spare.overlay();
-        let (mut logits, mut work) = worked_in!(modules.draw(sampler, rows, &mut spare), ());
+        let (mut logits, mut work) = worked_in!(modules.draw(sampler, rows, &mut spare));
         let draw = Draw { planning, random, tokens, proposals: self.proposal };
         match times {
             Some(times) => sampler.step(times, &mut logits, modules.codebooks, &mut work, draw),
