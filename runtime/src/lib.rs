@@ -26,7 +26,8 @@
 //! - [`kernels`]: integer inner loops; the portable ones are the specification.
 //! - [`model`]: a blob opened and resolved to its modules. After [`Model::open`] nothing about it can fail.
 //! - [`blob`]: the model file: format, manifest, checked zero-copy views.
-//! - [`memory`]: the one allocator over the caller's bytes.
+//! - [`memory`]: the one allocator over the caller's bytes; the same declarations measured are the plan.
+//! - [`stop`]: the one way to end work before its time.
 //!
 //! # Example
 //! ```no_run
@@ -58,6 +59,7 @@
 //! `dsp`, `mve`: kernels for Armv8-M cores that have the DSP extension (most Cortex-M33) or MVE with floating point (Cortex-M55); Armv7E-M
 //! (Cortex-M4, M7) and x86-64 need no feature, other targets take no notice. `check-kernels`: [`kernels`] come with the runner
 //! that compares them with the portable ones on a device. `count`: they count multiply-accumulates, for tests of plans.
+//! `invariants`: what cannot be panics instead of carrying on, for tests and check builds.
 //! `pwm`, `pca9685`, `sts3215`: outputs of [`playback`], on `embedded-hal` and `embedded-io`.
 //!
 //! # Numerics

@@ -54,7 +54,7 @@ fn serve(
     let refinement = black_box(Config::default());
     let planning = black_box(Some(planning::Limits { words: text.len(), steps: 10, guided: true, anchors: true }));
     let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning, rows: ROWS };
-    black_box(Plan::for_request(&model, &limits));
+    let _ = black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
     black_box(generator.self_test().map_err(Refused::Request)?);
     let sources = [
@@ -84,7 +84,7 @@ fn serve(
         black_box(play(blob, &motion).map_err(Refused::Robot)?);
     }
     let limits = black_box(StreamLimits { tokens: tokens.len(), planning, rows: ROWS });
-    black_box(StreamPlan::new(generator.model(), &limits));
+    let _ = black_box(StreamPlan::new(generator.model(), &limits));
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });

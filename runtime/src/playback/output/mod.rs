@@ -3,7 +3,7 @@
 //! An [`Output`] makes one attempt to give servos their commands. A [`Runner`] is what a timer interrupt calls: it brings the robot
 //! from power coming up to where it may play ([`Start`](super::Start)), ticks the player, tries again while the tick's time lasts, and
 //! when nothing helped leaves the motion standing where servos last heard of it, until the bus is back. Outputs can be paired:
-//! `(Pca9685, Sts3215)` is an output, too; [`Gate`] adds an output-enable pin to one.
+//! `(Pca9685, Sts3215)` is an output, too; `Gate` adds an output-enable pin to one.
 
 #[cfg(any(feature = "pca9685", feature = "pwm"))]
 mod gate;
