@@ -8,7 +8,7 @@
 //! ```
 
 use clap::Parser;
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::refining::{Config, PerFamily};
 use motionette::{Anchor, Request};
 use motionette_host::blob::BlobFile;

@@ -120,7 +120,7 @@ fn describe(anchor: &Anchor) -> (usize, String, Vec<f32>) {
         Target::PlanarRoot(p) => (0, "root on the floor".into(), p.to_vec()),
         Target::Joint { joint, position } => {
             let joint = usize::from(joint).min(JOINTS - 1);
-            (joint, motionette::motion::skeleton::NAMES[joint].replace('_', " "), position.to_vec())
+            (joint, motionette::representation::skeleton::NAMES[joint].replace('_', " "), position.to_vec())
         }
     }
 }

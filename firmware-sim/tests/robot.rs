@@ -7,7 +7,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use motionette::motion::Pose;
+use motionette::representation::Pose;
 use motionette::playback::{Rest, Robot, Start, StartFault, When};
 use motionette::{Generator, Model, Request};
 use motionette_host::blob::AlignedBlob;

@@ -1,7 +1,7 @@
 //! What a blob and a request need, before anything is flashed: arena, flash, work.
 
 use motionette::blob::{DType, HEADER_LEN};
-use motionette::planning;
+use motionette::generation::tokens as planning;
 use motionette::playback::line::line_bytes;
 use motionette::playback::robot::MAX_CHANNELS;
 use motionette::playback::{Feeder, Player, Robot};

@@ -1,6 +1,6 @@
 //! The runtime's seeded generator against another implementation of the same: rand_pcg's `Pcg32`.
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use rand_pcg::Pcg32;
 use rand_pcg::rand_core::Rng as _;
 

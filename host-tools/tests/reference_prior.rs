@@ -4,7 +4,7 @@ mod common;
 
 use common::checkpoints::{prior, prior_checkpoint, tokenizer_checkpoint};
 use common::naive::{Naive, close};
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette_host::reference::planner::Window;
 use motionette_host::reference::tmd::{Sampling, Schedule, Settings, Tmd};
 use motionette_host::reference::{Prior, Real};

@@ -3,7 +3,7 @@
 mod common;
 
 use common::Random;
-use motionette::perception::text::{UNKNOWN, Vocabulary as RuntimeVocabulary, Words};
+use motionette::text::words::{UNKNOWN, Vocabulary as RuntimeVocabulary, Words};
 use motionette_host::reference::text::Vocabulary;
 
 const WORDS: [&str; 32] = [

@@ -9,10 +9,10 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
-use motionette::hash::Stream;
+use motionette::generation::tokens::{Limits, Session};
 use motionette::memory::Arena;
-use motionette::motion::humanml3d;
-use motionette::planning::{Limits, Session};
+use motionette::numerics::hash::Stream;
+use motionette::representation::humanml3d;
 use motionette::{MOST_ROWS, ROWS};
 use motionette::{Model, Planning, Prompt};
 

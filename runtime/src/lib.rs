@@ -4,30 +4,33 @@
 //! passes through anchors, in bounded time, with the same bits on every machine.
 //!
 //! ```text
-//! text, anchors ──► perception ──► planning ──► decoding ──► refining ──► motion
-//!                   text encoder,  TMD tokens   VQ decoder   RouteSolver  22 joints at 20 fps
-//!                   scaffold
+//! request ──► text, conditioning ──► generation ──► codec ──► representation ──► motion ──► playback ──► servos
+//! prompt,     words' memory,         tokens by      VQ        HumanML3D:         22 joints
+//! anchors     anchors' scaffold      TMD            decoder   263 channels
+//!                                                   ▲    │
+//!                                                   └────┴─ refining: bends embeddings until joints meet the anchors
 //! ```
 //!
-//! # Layers, top-down, and what each may not know
-//! - [`generator`]: runs a request through the stages, or a motion that goes on segment by segment. Owns the arena; knows every
-//!   module below, none knows it.
-//! - [`plan`]: bytes and work of a request before it runs. Knows sizes, never data.
-//! - [`refining`]: the anchor solver. Knows a differentiable [`refining::MotionMap`], not the decoder behind it.
-//! - [`playback`]: motions onto servos: inverse kinematics, fades, limits, outputs. Knows joints and frames, not how they were made.
-//! - [`request`]: joints by name, anchors and their validation. Knows frames and joints, no model.
-//! - [`perception`]: prompts and what they say. Knows words.
-//! - [`conditioning`]: anchors as the planner sees them: their scaffold and its encoder. Knows anchors and networks.
-//! - [`planning`]: prompts and scaffolds to motion tokens: transformer and sampler. Does not know what a token moves.
-//! - [`decoding`]: token embeddings to motion features, whole with the gradient back, or in segments with the same bits. Knows
-//!   nothing of anchors.
-//! - [`motion`]: features to joints, and the gradient back. Knows nothing of neural networks.
-//! - [`nn`]: layers with forward and input gradient. Know nothing of the model they stand in.
+//! # Rooms, top-down, and what each may not know
+//! - [`pipeline`]: runs a request through the stages, or a motion that goes on segment by segment, and plans its bytes and work
+//!   beforehand. Owns the arena; knows every room below, none knows it.
+//! - [`request`]: what a user asks for: prompts, joints by name, anchors in frames or seconds, checked. Knows no model.
+//! - [`text`]: prompts to memory rows: words, vocabulary, stored prompts, encoder. Knows words, no motion.
+//! - [`conditioning`]: anchors as a planner sees them: scaffold, its encoder, keys and values. Knows anchors and networks.
+//! - [`generation`]: a family of generators each. [`generation::tokens`]: transformer, session and samplers
+//!   ([`generation::tokens::TokenSampler`] is the seam for another one). Does not know what a token moves.
+//! - [`codec`]: tokens to features of the representation, and the gradient back. Knows nothing of anchors.
+//! - [`representation`]: features to joints, and the gradient back; the skeleton. Knows no generator.
+//! - [`refining`]: the anchor solver: an objective of terms, a basis, methods. Knows a differentiable [`refining::MotionMap`], not the
+//!   decoder behind it.
+//! - [`playback`]: motions onto servos: inverse kinematics, fades, limits, outputs, a verified start. Knows joints and frames, not how
+//!   they were made.
+//! - [`nn`]: layers with forward and input gradient, and their configurations. Know nothing of the model they stand in.
 //! - [`kernels`]: integer inner loops; the portable ones are the specification.
-//! - [`model`]: a blob opened and resolved to its modules. After [`Model::open`] nothing about it can fail.
+//! - [`model`]: a blob opened and resolved to its rooms, each checked on its own. After [`Model::open`] nothing about it can fail.
 //! - [`blob`]: the model file: format, manifest, checked zero-copy views.
-//! - [`memory`]: the one allocator over the caller's bytes; the same declarations measured are the plan.
-//! - [`stop`]: the one way to end work before its time.
+//! - [`memory`]: the one allocator over the caller's bytes; the same declarations, measured, are the plan.
+//! - [`numerics`]: angles, hashes, the seeded random stream. [`stop`]: the one way to end work before its time.
 //!
 //! # Example
 //! ```no_run
@@ -77,37 +80,35 @@ compile_error!("motionette reads little-endian weights in place; big-endian targ
 #[macro_use]
 mod invariant;
 
-mod angle;
 pub mod blob;
+pub mod codec;
 pub mod conditioning;
-pub mod decoding;
-pub mod generator;
-pub mod hash;
+pub mod generation;
 pub mod kernels;
 mod log;
 pub mod memory;
 pub mod model;
-pub mod motion;
 pub mod nn;
-pub mod perception;
-pub mod plan;
-pub mod planning;
+pub mod numerics;
+pub mod pipeline;
 pub mod playback;
 pub mod refining;
+pub mod representation;
 pub mod request;
 pub mod stop;
+pub mod text;
 
-pub use generator::{
-    Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
-};
+pub use generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
 pub use model::Model;
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
-pub use perception::prompt::Prompt;
-pub use plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
-pub use planning::{Fixed, Length, Planning, Sampling, Schedule};
+pub use pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
+pub use pipeline::{
+    Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
+};
 pub use request::conditions::{Anchor, AnchorList, Anchors, Target};
 pub use request::joint::Joint;
+pub use request::prompt::Prompt;
 pub use stop::Stop;
 
-/// Joints of the body skeleton (SMPL order, see [`motion::skeleton`]).
+/// Joints of the body skeleton (SMPL order, see [`representation::skeleton`]).
 pub const JOINTS: usize = 22;

@@ -1,13 +1,13 @@
 //! Linear, embedding, norm, activation, attention against f64 restatements, from tensors in a blob's own format.
 
 use motionette::blob::{Activation, DType, Error, TensorEntry, Tensors};
-use motionette::hash::Stream;
 use motionette::nn::attention::{self, Heads, Segment, SegmentMut, attend};
 use motionette::nn::conv1d::Rows;
 use motionette::nn::embedding::Embedding;
 use motionette::nn::linear::{Linear, MOST_ROWS};
 use motionette::nn::norm::LayerNorm;
 use motionette::nn::{activation, quantise, softmax};
+use motionette::numerics::hash::Stream;
 
 /// A tensor table and its weight section.
 #[derive(Default)]

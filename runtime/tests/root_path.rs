@@ -1,6 +1,6 @@
 //! The root's path over a long time: heading against f64, in pieces against whole.
 
-use motionette::motion::humanml3d::{Features, Path, ROOT_CHANNELS, Root, channels};
+use motionette::representation::humanml3d::{Features, Path, ROOT_CHANNELS, Root, channels};
 
 /// Frames of ten hours.
 const FRAMES: usize = 10 * 3600 * 20;
@@ -40,7 +40,7 @@ fn slow_and_fast_turns_survive_ten_hours() {
 fn pieces_give_the_bits_of_the_whole_beyond_a_turn() {
     let selected = channels(0);
     let (mean, std) = ([0.1f32, 0.0, 0.01, 0.9], [0.5f32, 0.02, 0.03, 0.1]);
-    let mut random = motionette::hash::Stream::new(4);
+    let mut random = motionette::numerics::hash::Stream::new(4);
     let values: Vec<f32> = (0..200 * ROOT_CHANNELS).map(|_| random.unit() - 0.3).collect();
     let features = |values| Features { values, channels: &selected, mean: &mean, std: &std };
     let mut whole: [Vec<f32>; 4] = std::array::from_fn(|_| vec![0.0; 200]);

@@ -5,7 +5,7 @@ use motionette::blob::{
     Manifest, Norm, Padding, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TensorEntry, TextConfig,
     TextEncoderConfig, TextLength, TextTable, TransformerConfig,
 };
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 
 /// Shape of a small model.
 #[derive(Debug, Clone)]

@@ -1,6 +1,6 @@
 //! The runtime's decoder, recovery and gradients against an f64 oracle, on small random models.
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::{Error, Generator, Limits, Model, Plan, ROWS, Request};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};
@@ -72,7 +72,7 @@ fn every_bit_is_the_same_again_and_in_a_dirty_arena() {
     let _ = generator.generate(&Request::tokens(&[3, 3, 3]), &mut ()).unwrap();
     assert_eq!(generator.generate(&Request::tokens(&tokens), &mut ()).unwrap().hash(), first);
     let (joints, u) = generate(&model, &Request::tokens(&tokens));
-    assert_eq!(motionette::hash::motion(&u, &joints), first);
+    assert_eq!(motionette::numerics::hash::motion(&u, &joints), first);
 }
 
 #[test]

@@ -1,10 +1,10 @@
 //! Input gradients of the runtime's decoder and recovery against central differences of the f64 oracle.
 
 use motionette::Model;
-use motionette::decoding::decoder::Portion;
-use motionette::hash::Stream;
+use motionette::codec::vq::decoder::Portion;
+use motionette::numerics::hash::Stream;
 use motionette::memory::Arena;
-use motionette::motion::humanml3d::{Features, Path, channels};
+use motionette::representation::humanml3d::{Features, Path, channels};
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};

@@ -3,14 +3,14 @@
 
 use std::path::Path;
 
-use motionette::decoding::decoder::Portion;
-use motionette::hash::Stream;
+use motionette::codec::vq::decoder::Portion;
+use motionette::numerics::hash::Stream;
 use motionette::kernels::count;
-use motionette::motion::humanml3d::POSITION_CHANNELS;
+use motionette::representation::humanml3d::POSITION_CHANNELS;
 use motionette::refining::{Activity, Basis, Config, Method, Prior};
 use motionette::{
     Anchor, AnchorList, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling,
-    Schedule, Source, StreamLimits, StreamPlan, planning,
+    Schedule, Source, StreamLimits, StreamPlan, generation::tokens as planning,
 };
 use motionette_host::blob::BlobFile;
 use motionette_tests::fuzz;

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use motionette::ROWS;
-use motionette::decoding::codebook::Codebooks;
+use motionette::codec::codebook::Codebooks;
 use motionette::nn::output::Channels;
 use motionette::{Limits, Model, Plan, Request, memory::Arena};
 use motionette_host::blob::BlobFile;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use motionette::motion::Pose;
+use motionette::representation::Pose;
 use motionette::{Generator, Request};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint;
@@ -55,7 +55,7 @@ fn rotations_are_those_of_the_reference() {
     for (frame, row) in features.chunks_exact(width).enumerate() {
         let expected = directions(row, &mut yaw);
         let found: Pose = motion.rotated(frame).unwrap();
-        for (joint, &parent) in motionette::motion::skeleton::PARENTS.iter().enumerate().skip(1) {
+        for (joint, &parent) in motionette::representation::skeleton::PARENTS.iter().enumerate().skip(1) {
             let bone = |pose: &Pose| q::subtract(pose[joint].map(f64::from), pose[usize::from(parent)].map(f64::from));
             let (given, found) = (bone(&motion.frames()[frame]), bone(&found));
             assert!((q::length(given) - q::length(found)).abs() < 1e-4, "bones keep their lengths");

@@ -2,11 +2,11 @@
 
 use std::ops::ControlFlow;
 
-use motionette::decoding::codebook::Codebooks;
-use motionette::hash::Stream;
+use motionette::codec::codebook::Codebooks;
+use motionette::numerics::hash::Stream;
 use motionette::memory::{Arena, ArenaTooSmall};
-use motionette::planning::sampler::{Draw, Logits, TokenSampler};
-use motionette::planning::{Limits, Session};
+use motionette::generation::tokens::sampler::{Draw, Logits, TokenSampler};
+use motionette::generation::tokens::{Limits, Session};
 use motionette::{Fixed, Model, Planning, Prompt, ROWS};
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 

@@ -1,11 +1,11 @@
 //! Requests by text through the generator, on small random models: replay, options, given tokens, memory, stops, bad input.
 
 use motionette::blob::{Error as BlobError, TransformerConfig};
-use motionette::hash::Stream;
-use motionette::perception::prompt::PromptError;
-use motionette::perception::text::MAX_PROMPT;
-use motionette::planning::sampling::SamplingError;
-use motionette::planning::{Limits, PlanningError, Session};
+use motionette::numerics::hash::Stream;
+use motionette::request::prompt::PromptError;
+use motionette::text::words::MAX_PROMPT;
+use motionette::generation::tokens::sampling::SamplingError;
+use motionette::generation::tokens::{Limits, PlanningError, Session};
 use motionette::refining::Config;
 use motionette::request::conditions::AnchorSet;
 use motionette::{

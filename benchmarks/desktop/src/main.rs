@@ -19,7 +19,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use candle_core::{Device, Tensor, Var};
 use clap::Parser;
-use motionette::motion::humanml3d;
+use motionette::representation::humanml3d;
 use motionette::{Model, Planning};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, PriorCheckpoint, TokenizerCheckpoint};

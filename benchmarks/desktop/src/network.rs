@@ -1,7 +1,7 @@
 //! The checkpoints as the other libraries take them: chosen channels, planner inputs, and what the reference makes of them.
 
 use anyhow::{Context, Result};
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::nn::output::Channels;
 use motionette_host::checkpoint::prior::{Embedding, PriorCheckpoint, TIMES};
 use motionette_host::checkpoint::{self, Conv1d, TokenizerCheckpoint};

@@ -5,7 +5,7 @@ use core::ops::ControlFlow;
 use std::{error::Error, fs};
 
 use motionette::{Stop, 
-    Anchor, Generator, Joint, Limits, Model, Observer, Plan, Progress, Request, blob::Aligned, planning,
+    Anchor, Generator, Joint, Limits, Model, Observer, Plan, Progress, Request, blob::Aligned, generation::tokens as planning,
     refining::Config,
 };
 

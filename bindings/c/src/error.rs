@@ -3,8 +3,8 @@
 use core::ffi::{CStr, c_char};
 
 use motionette::request::conditions::AnchorError;
-use motionette::perception::prompt::PromptError;
-use motionette::planning::PlanningError;
+use motionette::request::prompt::PromptError;
+use motionette::generation::tokens::PlanningError;
 use motionette::refining::SolverError;
 use motionette::{Error, blob};
 

@@ -3,8 +3,8 @@
 use core::ffi::c_void;
 
 use motionette::request::conditions::MAX_ANCHORS;
-use motionette::perception::prompt::PromptError;
-use motionette::planning::{self, PlanningError, request::MAX_STEPS};
+use motionette::request::prompt::PromptError;
+use motionette::generation::tokens::{self as planning, PlanningError, request::MAX_STEPS};
 use motionette::refining::Config;
 use motionette::{Error, Limits, Model, Plan};
 

@@ -2,7 +2,7 @@
 
 use core::ffi::c_char;
 
-use motionette::perception::text::MAX_PROMPT;
+use motionette::text::words::MAX_PROMPT;
 use motionette::refining::Config;
 use motionette::{Anchor, AnchorList, JOINTS, Prompt, Request, Source};
 

@@ -4,8 +4,8 @@ use std::fmt;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use motionette::hash::Stream;
-use motionette::motion::Pose;
+use motionette::numerics::hash::Stream;
+use motionette::representation::Pose;
 use motionette::playback::{Bus, Robot, Start, When};
 use motionette::{Generator, Model, Request};
 use motionette_host::blob::AlignedBlob;

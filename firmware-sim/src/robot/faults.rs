@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use serde::Serialize;
 
 /// What goes wrong.

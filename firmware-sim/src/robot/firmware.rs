@@ -1,7 +1,7 @@
 //! What the firmware does before anything moves: it opens the blob, proves itself by the blob's self-test, and makes the motions; with
 //! the faults that hit it there.
 
-use motionette::motion::Pose;
+use motionette::representation::Pose;
 use motionette::{Generator, Model, Observer, Progress, Request, Stop};
 use motionette_host::blob::AlignedBlob;
 use std::ops::ControlFlow;
@@ -28,7 +28,7 @@ pub fn start(blob: &[u8], faults: &[Kind], seed: u64) -> anyhow::Result<Boot> {
     let mut boot = Boot::default();
     if faults.contains(&Kind::Corrupt) {
         let mut damaged = blob.to_vec();
-        let at = motionette::hash::Stream::new(seed).below(damaged.len() as u32) as usize;
+        let at = motionette::numerics::hash::Stream::new(seed).below(damaged.len() as u32) as usize;
         damaged[at] ^= 0x40;
         match Model::open(AlignedBlob::new(&damaged).bytes()) {
             Ok(_) => boot.log.push(format!("slot B: damaged in byte {at}, and nobody noticed")),
@@ -39,7 +39,7 @@ pub fn start(blob: &[u8], faults: &[Kind], seed: u64) -> anyhow::Result<Boot> {
         }
     }
     let model = Model::open(blob)?;
-    let test = [0u16; motionette::generator::SELF_TEST_NUMBERS];
+    let test = [0u16; motionette::pipeline::SELF_TEST_NUMBERS];
     let tokens = &test[..usize::from(model.self_test().tokens) * model.codebooks().quantizers()];
     let plan = Generator::new(model.clone(), &mut [])?.plan(&Request::tokens(tokens))?;
     let mut arena = vec![0u128; plan.arena_bytes.div_ceil(16)];

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::playback::{Bus, Channel, Robot};
 
 use super::motor::{Drive, Motor, STEP};

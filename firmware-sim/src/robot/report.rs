@@ -1,7 +1,7 @@
 //! What the robot's stage of the main job gives: figures, lines for people, and what the viewer shows.
 
 use motionette::JOINTS;
-use motionette::motion::Pose;
+use motionette::representation::Pose;
 use motionette::playback::{Bus, Robot, reach};
 use motionette_host::metrics;
 use serde::Serialize;

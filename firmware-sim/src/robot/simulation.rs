@@ -16,7 +16,7 @@ use super::clock::Clock;
 use super::faults::{Fault, Injector, Kind};
 use super::hardware::{AWAKE, Boot, Hardware};
 use super::wires::{Faulty, I2cWire, Pin, SerialWire};
-use motionette::motion::Pose;
+use motionette::representation::Pose;
 
 /// Servo channels and frames that the simulated firmware has room for.
 pub const CHANNELS: usize = 32;

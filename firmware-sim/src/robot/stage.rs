@@ -1,7 +1,7 @@
 //! The robot's stage of the main job: the firmware starts with the robot at neutral and released, the motion is played, and what was asked to go wrong goes wrong.
 
 use anyhow::Result;
-use motionette::motion::Pose;
+use motionette::representation::Pose;
 use motionette::playback::{Robot, When};
 use motionette::{Anchor, Model, Request};
 

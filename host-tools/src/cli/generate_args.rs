@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
-use motionette::perception::prompt::{Prompt, PromptError};
-use motionette::perception::text::{UNKNOWN, Words};
-use motionette::planning::{Length, Planning, Sampling, Schedule};
+use motionette::request::prompt::{Prompt, PromptError};
+use motionette::text::words::{UNKNOWN, Words};
+use motionette::generation::tokens::{Length, Planning, Sampling, Schedule};
 use motionette::refining::Report;
 use motionette::{Anchor, Generator, Model, Request};
 
@@ -218,7 +218,7 @@ impl GenerateArgs {
             motionette::Error::Prompt(PromptError::OnlyUnknownWords { .. }) => {
                 "; `motionette inspect --vocabulary` lists the words it knows".to_owned()
             }
-            motionette::Error::Planning(motionette::planning::PlanningError::NoPlanner) => {
+            motionette::Error::Planning(motionette::generation::tokens::PlanningError::NoPlanner) => {
                 "; convert it with --prior".to_owned()
             }
             _ => String::new(),

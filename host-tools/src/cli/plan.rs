@@ -4,7 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use motionette::planning::{Limits, Planning};
+use motionette::generation::tokens::{Limits, Planning};
 use motionette::refining::Config;
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use serde_json::Value;

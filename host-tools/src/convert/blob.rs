@@ -5,7 +5,7 @@ use motionette::blob::{
     HumanMl3d, MAX_BLOCKS, MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SKELETON_BYTES,
     SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextLength, TextTable, TransformerConfig,
 };
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::{Generator, Limits, Model, Plan, Request};
 
 use super::prior::{QuantisedPart, QuantisedPrior};

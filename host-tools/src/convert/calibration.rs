@@ -1,6 +1,6 @@
 //! Latents like those that the decoder will receive: from tokens of training clips, or from random tokens where there is no dataset.
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 
 use super::Error;
 use crate::checkpoint::TokenizerCheckpoint;

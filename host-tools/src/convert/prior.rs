@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::kernels::GROUP;
 
 use crate::blob::QuantisedConv1d;

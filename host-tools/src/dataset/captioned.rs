@@ -1,6 +1,6 @@
 //! Clips with captions as a planner sees them: words, tokens and, if asked for, anchors where the clip itself passes.
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 
 use super::{ClipView, Dataset, Split};
 use crate::checkpoint::TokenizerCheckpoint;

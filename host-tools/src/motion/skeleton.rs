@@ -2,7 +2,7 @@
 
 use super::JOINTS;
 
-pub use motionette::motion::skeleton::NAMES;
+pub use motionette::representation::skeleton::NAMES;
 
 /// Index of the left hip.
 pub const LEFT_HIP: usize = 1;

@@ -1,6 +1,6 @@
 //! Between the reference's types and the runtime's: tokens and anchors. Types only; no number is computed here but by rounding.
 
-use motionette::decoding::codebook::Codebooks;
+use motionette::codec::codebook::Codebooks;
 use motionette::{Anchor as RuntimeAnchor, Target as RuntimeTarget};
 
 use super::{Anchor, Target};

@@ -6,7 +6,7 @@
 //! position, `below(V)`. Then in every step, position by position, the draws of the proposal, one number for "update?" and one for the
 //! new token, whether they are needed or not.
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 
 use super::real::Real;
 use super::transformer::softmax;

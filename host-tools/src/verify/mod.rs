@@ -65,7 +65,7 @@ pub enum Error {
         /// The clip's name.
         clip: String,
         /// Why.
-        source: motionette::perception::prompt::PromptError,
+        source: motionette::request::prompt::PromptError,
     },
     /// The runtime refused anchors of a clip.
     #[error("the anchors of clip {clip}: {source}")]

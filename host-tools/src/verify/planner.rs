@@ -8,10 +8,10 @@ use std::ops::ControlFlow;
 
 use motionette::ROWS;
 use motionette::Request;
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::memory::Arena;
-use motionette::perception::prompt::Prompt;
-use motionette::planning::{Length, Limits, Planning, Session};
+use motionette::request::prompt::Prompt;
+use motionette::generation::tokens::{Length, Limits, Planning, Session};
 use motionette::request::conditions::AnchorSet;
 use serde::Serialize;
 

@@ -1,7 +1,7 @@
 //! The runtime's solver and the reference's own on the same anchors: they differ by method and rounding, so this is reported, not gated.
 
 use motionette::Request;
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::refining::Config;
 use serde::Serialize;
 

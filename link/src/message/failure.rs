@@ -3,8 +3,8 @@
 use core::fmt;
 
 use motionette::Error;
-use motionette::perception::prompt::PromptError;
-use motionette::planning::PlanningError;
+use motionette::request::prompt::PromptError;
+use motionette::generation::tokens::PlanningError;
 use motionette::request::conditions::AnchorError;
 use serde::{Deserialize, Serialize};
 

@@ -1,6 +1,6 @@
 //! What a device says of a motion that it has made.
 
-use motionette::perception::text::{UNKNOWN, Words};
+use motionette::text::words::{UNKNOWN, Words};
 use motionette::{Model, Motion};
 use serde::{Deserialize, Serialize};
 

@@ -3,7 +3,7 @@
 
 use super::{portable, room};
 use crate::blob::Aligned;
-use crate::hash::Stream;
+use crate::numerics::hash::Stream;
 
 /// A kernel: rows, weights, inputs, outputs, accumulators.
 pub type Kernel = fn(&[i16], &[i8], usize, usize, &mut [i32]);

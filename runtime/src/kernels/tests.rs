@@ -49,7 +49,7 @@ fn variants_agree_with_the_portable_kernels() {
 /// Longer sums than the runner's, up to where a variant has no more room for them and beyond.
 #[test]
 fn variants_agree_on_long_sums() {
-    let mut stream = crate::hash::Stream::new(5);
+    let mut stream = crate::numerics::hash::Stream::new(5);
     for (rows, terms) in [
         (4, 34),
         (5, 66),

@@ -2,8 +2,8 @@
 
 use super::value::all_at_most;
 use crate::blob::{Codec, DecoderConfig, Error, MAX_BLOCKS, MAX_CONVOLUTIONS, MAX_STAGES, Representation};
-use crate::decoding::codebook::MAX_QUANTIZERS;
-use crate::motion::humanml3d;
+use crate::codec::codebook::MAX_QUANTIZERS;
+use crate::representation::humanml3d;
 
 /// Checks the codec, which is to make frames of `representation`.
 pub(super) fn check(codec: &Codec, representation: &Representation<'_>) -> Result<(), Error> {

@@ -14,12 +14,12 @@ use crate::blob::{
     ALIGNMENT, Card, Codec, Error, Generator, HEADER_LEN, Header, MAX_TENSORS, MINOR, Manifest, SelfTest, Skeleton,
     Tensors,
 };
+use crate::codec::codebook::Codebooks;
+use crate::codec::vq::decoder::Decoder;
 use crate::conditioning::scaffold_encoder::Timing;
-use crate::decoding::codebook::Codebooks;
-use crate::decoding::decoder::Decoder;
-use crate::perception::Text;
-use crate::planning::session::Modules;
-use crate::planning::{Control, Planner};
+use crate::generation::tokens::session::Modules;
+use crate::generation::tokens::{Control, Planner};
+use crate::text::Text;
 
 /// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
 pub const MAX_MAGNITUDE: f32 = 1e28;

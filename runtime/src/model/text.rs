@@ -1,4 +1,4 @@
-//! Checks of the section `text`. Words and names are checked where they are opened, [`crate::perception::Text`].
+//! Checks of the section `text`. Words and names are checked where they are opened, [`crate::text::Text`].
 
 use super::value::{MAX_WIDTH, at_most, transformer};
 use crate::blob::{Error, TextConfig};

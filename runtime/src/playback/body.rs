@@ -5,8 +5,8 @@
 //! the line of hips or shoulders; an upper arm's or thigh's from itself and the bend of elbow or knee, which are hinges. The neck and
 //! the feet have one bone, so they turn on the shortest arc and not about themselves.
 
-use crate::motion::Pose;
-use crate::motion::rotation::{Rotation, Vector, add, cross, dot, scale, subtract, unit};
+use crate::representation::Pose;
+use crate::representation::rotation::{Rotation, Vector, add, cross, dot, scale, subtract, unit};
 use crate::{JOINTS, Joint};
 
 const X: Vector = [1.0, 0.0, 0.0];
@@ -152,7 +152,7 @@ impl Orientations {
         for segment in &SEGMENTS {
             let turn = self.get(segment.joint) * observed.get(segment.joint).inverse();
             for &joint in segment.carries {
-                let parent = crate::motion::skeleton::PARENTS.get(joint.index()).map_or(0, |p| usize::from(*p));
+                let parent = crate::representation::skeleton::PARENTS.get(joint.index()).map_or(0, |p| usize::from(*p));
                 let (Some(from), Some(to)) = (pose.get(parent), pose.get(joint.index())) else { continue };
                 let bone = turn.apply(subtract(*to, *from));
                 let Some(at) = out.get(parent).map(|parent| add(*parent, bone)) else { continue };

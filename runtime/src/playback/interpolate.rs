@@ -26,7 +26,7 @@ fn slope(a: f32, b: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hash::Stream;
+    use crate::numerics::hash::Stream;
 
     fn random(stream: &mut Stream) -> f32 {
         stream.below(20_001) as f32 / 100.0 - 100.0

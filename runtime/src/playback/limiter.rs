@@ -151,7 +151,7 @@ impl Limiter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hash::Stream;
+    use crate::numerics::hash::Stream;
 
     fn limits(random: &mut Stream) -> Limits {
         let low = random.below(1 << 24) as Angle - (1 << 23);

@@ -9,7 +9,7 @@ use super::mapper::Mapper;
 use super::player::Player;
 use super::robot::Robot;
 use crate::Motion;
-use crate::motion::Pose;
+use crate::representation::Pose;
 
 /// Steps of a degree in which angles are queued.
 const STEPS: f32 = 100.0;

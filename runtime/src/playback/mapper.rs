@@ -11,8 +11,8 @@ use heapless::Vec;
 use super::body::{Aside, Orientations, SEGMENTS, Segment, UP};
 use super::robot::{Channel, MAX_AXES, MAX_CHANNELS, Robot, Source};
 use crate::Joint;
-use crate::motion::Pose;
-use crate::motion::rotation::{Rotation, Vector, cross, dot, scale};
+use crate::representation::Pose;
+use crate::representation::rotation::{Rotation, Vector, cross, dot, scale};
 use core::f32::consts::PI;
 
 /// How much a segment's twist counts against where its bone points.
@@ -107,7 +107,7 @@ impl Mapper {
             if let Source::Joint(number, axis) = servo.source
                 && usize::from(number) == joint.index()
             {
-                let (sin, cos) = crate::angle::sin_cos(*state);
+                let (sin, cos) = crate::numerics::angle::sin_cos(*state);
                 let inertia = if self.fresh { 0.0 } else { INERTIA };
                 let turn = Turn {
                     channel,

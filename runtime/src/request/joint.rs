@@ -3,7 +3,7 @@
 use core::fmt;
 
 use crate::JOINTS;
-use crate::motion::skeleton::NAMES;
+use crate::representation::skeleton::NAMES;
 
 /// A joint of the body skeleton; its number is that of the SMPL order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -1,6 +1,7 @@
-//! What a user asks for: joints by name, and the conditions that a motion must meet, checked.
+//! What a user asks for: prompts, joints by name, and the conditions that a motion must meet, checked.
 //!
-//! This layer knows frames and joints, and neither models nor what is made of its conditions.
+//! This layer knows frames, joints and words, and neither decoders nor what is made of its conditions.
 
 pub mod conditions;
 pub mod joint;
+pub mod prompt;

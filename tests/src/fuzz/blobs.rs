@@ -2,7 +2,7 @@
 
 use motionette::ROWS;
 use motionette::blob::{HEADER_LEN, Header, MAGIC, MAJOR};
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::{Anchor, Generator, Model, Prompt, Request, refining::Config};
 
 use super::{Entry, Memory, Tally};

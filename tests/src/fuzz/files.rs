@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette_host::import::{bvh, kimodo};
 use motionette_host::{anchors_file, checkpoint};
 

@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
 use motionette::blob::{Activation, ControlConfig, Norm, TransformerConfig};
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::{Generator, Model, Request};
 
 use crate::tiny::{PriorShape, Shape, Tiny};

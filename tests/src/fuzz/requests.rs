@@ -1,7 +1,7 @@
 //! Hostile requests on a good model: lengths, tokens, anchors, solver settings, arenas that are too small, observers that
 //! stop the work anywhere.
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
 use motionette::{
     Anchor, AnchorList, Error, Fixed, Generator, Length, Limits, Model, Observer, Plan, Planning, Progress, Prompt,

@@ -1,10 +1,10 @@
 //! Streams in careless hands: tokens and requests of any kind at any time, a full queue, frames taken late, work stopped
 //! anywhere, an end and what comes behind it.
 
-use motionette::hash::Stream;
+use motionette::numerics::hash::Stream;
 use motionette::{
     AnchorList, Error, Fixed, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, Stop, StreamLimits,
-    StreamPlan, planning,
+    StreamPlan, generation::tokens as planning,
 };
 use std::ops::ControlFlow;
 

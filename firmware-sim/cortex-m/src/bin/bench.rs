@@ -10,7 +10,7 @@ use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::{
     blob::Aligned,
-    hash::Stream,
+    numerics::hash::Stream,
     kernels::{self, check},
     nn::{
         conv1d::{Conv1d, Rows, Shape},

@@ -14,7 +14,7 @@ use cortex_m_rt::entry;
 use motionette::ROWS;
 use motionette::{
     Anchor, AnchorList, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request, Stop,
-    Sampling, Source, StreamLimits, StreamPlan, planning, refining::Config,
+    Sampling, Source, StreamLimits, StreamPlan, generation::tokens as planning, refining::Config,
 };
 #[cfg(feature = "playback")]
 use motionette::{

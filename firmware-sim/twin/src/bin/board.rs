@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
-use motionette::decoding::decoder::Portion;
+use motionette::codec::vq::decoder::Portion;
 use motionette::{Generator, Request};
 use motionette_host::blob::BlobFile;
 use motionette_link::Preset;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
-use motionette::planning::Planning;
+use motionette::generation::tokens::Planning;
 use motionette_link::message::{Command, Generate, Hello, Length, Refinement, Status};
 use serde_json::{Value, json};
 

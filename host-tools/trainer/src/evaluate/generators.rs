@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use motionette::planning::{Planning, Sampling, Schedule};
+use motionette::generation::tokens::{Planning, Sampling, Schedule};
 use motionette::{Length, Request};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, file_hash, prior};

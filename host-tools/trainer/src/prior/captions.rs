@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use motionette::perception::text::Words;
+use motionette::text::words::Words;
 use motionette_host::dataset::ClipView;
 
 use crate::random::Random;

@@ -60,11 +60,11 @@ pub struct Card<'a> {
 /// A request with a known answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct SelfTest {
-    /// Seed of the token sequence (see [`crate::hash::Stream`]).
+    /// Seed of the token sequence (see [`crate::numerics::hash::Stream`]).
     pub seed: u32,
     /// Tokens in the sequence.
     pub tokens: u16,
-    /// [`crate::hash::motion`] of the decoded motion; 0 = the blob carries no self-test.
+    /// [`crate::numerics::hash::motion`] of the decoded motion; 0 = the blob carries no self-test.
     pub hash: u64,
 }
 

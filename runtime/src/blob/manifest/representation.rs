@@ -25,7 +25,7 @@ pub struct HumanMl3d<'a> {
 }
 
 /// A body at rest: offset of each joint from its parent, metres, y up, the subject's left at +x, in the order and with the parents of
-/// [`crate::motion::skeleton`]. The pelvis has none.
+/// [`crate::representation::skeleton`]. The pelvis has none.
 ///
 /// `[22][3]` singles as little-endian bytes, read in place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,0 +1,39 @@
+//! Text to motion tokens: a transformer proposes, a sampler moves noisy tokens towards the proposals.
+//!
+//! ```text
+//! prompt ──► memory, pooled ──► keys and values a block      once a request, with guidance also of no text
+//! anchors ─► scaffold ──► keys and values a block, rows' shares    once a request
+//! z_0 random ──► pass ──► logits ──► proposals ──► z_1 ...    S steps, each position revisable throughout
+//! ```
+//!
+//! # The random stream
+//! One [`Stream`](crate::numerics::hash::Stream) of the request's seed. First one `below(V)` a position in order: `z_0`. Then in each
+//! step, positions in order: what the [`Sampling`] takes, one `unit()` for "change?", one `unit()` for the new token. All of
+//! them are drawn for given tokens and in the last step as well, so that a stream's place depends on step and position alone.
+//!
+//! # Guidance
+//! `none + g (conditioned - none)` of the logits, `conditioned` by text and anchors, `none` by neither: one pair guides towards
+//! both (measured: anchors missed by a tenth less than when `none` knows them, FID and R-precision the same, and a cheaper
+//! pass). The token layer is linear, so hidden rows are combined in its place: half the
+//! work, one row a position to keep.
+//!
+//! This layer knows words' memory, anchors' scaffold and tokens. It does not know how tokens become motion.
+
+pub mod condition;
+pub mod length;
+pub mod request;
+pub mod sampler;
+pub mod sampling;
+pub mod schedule;
+pub mod session;
+pub mod tmd;
+pub mod transformer;
+
+pub use crate::conditioning::anchor_kv::Control;
+pub use length::Length;
+pub use request::{Fixed, Planning, PlanningError};
+pub use sampler::{Sampler, TokenSampler};
+pub use sampling::Sampling;
+pub use schedule::Schedule;
+pub use session::{Bytes, Limits, Session};
+pub use transformer::Planner;

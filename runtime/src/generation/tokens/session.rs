@@ -1,0 +1,495 @@
+//! The planner with its buffers: reads a prompt once, then proposes and advances tokens step by step.
+
+use super::condition::Condition;
+use super::length;
+use super::request::Planning;
+use super::sampler::{Draw, Logits, TokenSampler};
+use super::transformer::{Input, Planner};
+use crate::codec::codebook::Codebooks;
+use crate::conditioning::anchor_kv::Control;
+use crate::memory::{Arena, ArenaTooSmall};
+use crate::nn::attention::SegmentMut;
+use crate::nn::block::{Scratch, Sizes};
+use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
+use crate::numerics::hash::Stream;
+use crate::request::conditions::AnchorSet;
+use crate::request::prompt::{Heard, Prompt, PromptError};
+use crate::stop::{Check, Stop};
+use crate::text::Text;
+use crate::text::bank;
+use crate::text::words::NONE;
+use core::ops::ControlFlow;
+
+/// What is worked in; there is room for it, since the session took as much.
+macro_rules! worked_in {
+    ($taken:expr $(, $otherwise:expr)?) => {{
+        let taken = $taken;
+        invariant!(taken.is_ok(), "the session took less than it works in");
+        match taken {
+            Ok(taken) => taken,
+            Err(_) => return $($otherwise)?,
+        }
+    }};
+}
+
+/// The largest plan that is to be made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Words of the prompt, or rows of a stored one.
+    pub words: usize,
+    /// Steps of the sampler.
+    pub steps: u16,
+    /// Whether guidance is on.
+    pub guided: bool,
+    /// Whether anchors condition the planner; of no account when the blob has no anchor control.
+    pub anchors: bool,
+}
+
+/// Modules of a model that a session works with.
+#[derive(Debug, Clone, Copy)]
+pub struct Modules<'m, 'b> {
+    /// Text encoder and stored prompts.
+    pub text: &'m Text<'b>,
+    /// Planner.
+    pub planner: &'m Planner<'b>,
+    /// What anchors tell the planner.
+    pub control: Option<&'m Control<'b>>,
+    /// The metric's code vectors.
+    pub codebooks: &'m Codebooks<'b>,
+}
+
+/// Buffer lengths of a session.
+#[derive(Debug, Clone, Copy)]
+struct Lengths {
+    words: usize,
+    /// Rows of the prompt that says nothing; 0 without guidance.
+    none: usize,
+    /// Rows of the anchors' keys and values, rows that anchors tell something; 0 without them.
+    anchors: (usize, usize),
+    tokens: usize,
+    /// The longest of memory, scaffold and planner rows.
+    x: usize,
+    own: usize,
+    own_scales: usize,
+    guided: usize,
+    /// Of reading anchors.
+    work: usize,
+    /// Of a pass.
+    sizes: Sizes,
+}
+
+/// Bytes of a session by purpose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Bytes {
+    /// Keys and values of prompts.
+    pub text: usize,
+    /// Keys and values of anchors, and what they tell each row.
+    pub anchors: usize,
+    /// Rows, proposals and what was read.
+    pub rows: usize,
+    /// One pass of the planner.
+    pub pass: usize,
+    /// Drawing tokens by the last pass, in the place of that pass.
+    pub draw: usize,
+}
+
+impl Bytes {
+    /// In all.
+    #[must_use]
+    pub const fn all(&self) -> usize {
+        self.text + self.anchors + self.rows + self.working()
+    }
+
+    /// Of [`Bytes::pass`] and [`Bytes::draw`], which take turns.
+    #[must_use]
+    pub const fn working(&self) -> usize {
+        if self.pass > self.draw { self.pass } else { self.draw }
+    }
+}
+
+/// What the blocks work in, while text and anchors are read and in each pass over the tokens.
+#[derive(Debug)]
+struct Pass<'s> {
+    keys: &'s mut [i8],
+    values: &'s mut [i8],
+    key_scales: &'s mut [f32],
+    value_scales: &'s mut [f32],
+    scratch: Scratch<'s>,
+    /// Rows of the pass that knows the prompt, `[L][d]`; none without guidance.
+    guided: &'s mut [f32],
+    /// Of reading anchors.
+    work: &'s mut [f32],
+}
+
+impl<'s> Pass<'s> {
+    fn new(arena: &mut Arena<'s>, l: &Lengths) -> Result<Self, ArenaTooSmall> {
+        Ok(Pass {
+            keys: arena.take(l.own)?,
+            values: arena.take(l.own)?,
+            key_scales: arena.take(l.own_scales)?,
+            value_scales: arena.take(l.own_scales)?,
+            scratch: Scratch::new(arena, &l.sizes)?,
+            guided: arena.take(l.guided)?,
+            work: arena.take(l.work)?,
+        })
+    }
+
+    /// Room for the keys and values of so many rows, and the rest.
+    fn split(&mut self, rows: usize) -> (SegmentMut<'_>, &mut Scratch<'s>) {
+        let Pass { keys, values, key_scales, value_scales, scratch, .. } = self;
+        (SegmentMut { rows, keys, key_scales, values, value_scales }, scratch)
+    }
+}
+
+impl<'m, 'b> Modules<'m, 'b> {
+    /// Anchor control, where the blob has it and anchors are to condition the planner.
+    fn control(&self, limits: &Limits) -> Option<&'m Control<'b>> {
+        self.control.filter(|_| limits.anchors)
+    }
+
+    /// Rows of the prompt that says nothing.
+    fn none_rows(&self) -> usize {
+        match self.text.encoder() {
+            Some(_) => 1,
+            None => self.text.bank().get(bank::NONE).map_or(0, |entry| entry.rows()),
+        }
+    }
+
+    /// Takes what tokens are drawn in, behind a pass that left hidden rows `[L][d]`.
+    fn draw<'l, 's, S: TokenSampler>(
+        &self,
+        sampler: &S,
+        rows: &'l [f32],
+        arena: &mut Arena<'s>,
+    ) -> Result<(Logits<'l, 'b, 's>, S::Work<'s>), ArenaTooSmall>
+    where
+        'm: 'l,
+    {
+        Ok((Logits::new(self.planner, rows, arena)?, sampler.layout(arena, self.codebooks)?))
+    }
+
+    fn lengths(&self, tokens: usize, limits: &Limits, rows: usize) -> Lengths {
+        let most = |a: usize, b: usize| if a > b { a } else { b };
+        let none = if limits.guided { self.none_rows() } else { 0 };
+        let (words, memory) = (limits.words, most(limits.words, none));
+        let (d, dt) = (self.planner.width(), self.text.width());
+        let own_rows = 1 + tokens;
+        let control = self.control(limits);
+        let anchors = control.map_or((0, 0), |control| (tokens, control.shares(tokens)));
+        let mut sizes = self.planner.sizes(tokens, anchors.0, memory);
+        sizes = sizes.with(Sizes { outputs: self.text.length().outputs(), inputs: dt, ..Sizes::default() });
+        let (mut own, mut own_scales) = (own_rows * d, own_rows * self.planner.heads().count);
+        if let Some(encoder) = self.text.encoder() {
+            sizes = sizes.with(encoder.sizes(memory));
+            own = most(own, memory * dt);
+            own_scales = most(own_scales, memory * encoder.stack().heads().count);
+        }
+        let (mut x, mut work) = (most(memory * dt, own_rows * d), 0);
+        if let Some(control) = control {
+            sizes = sizes.with(control.sizes(tokens));
+            own = most(own, tokens * control.scaffold_width());
+            own_scales = most(own_scales, tokens * control.scaffold_heads().count);
+            x = most(x, tokens * control.scaffold_width());
+            work = control.work();
+        }
+        sizes.rows = rows.clamp(LEAST_ROWS, MOST_ROWS);
+        Lengths {
+            words,
+            none,
+            anchors,
+            tokens,
+            x,
+            own,
+            own_scales,
+            guided: if limits.guided { tokens * d } else { 0 },
+            work,
+            sizes,
+        }
+    }
+
+    /// Arena bytes of [`Session::new`].
+    #[must_use]
+    #[inline(never)]
+    pub fn bytes(&self, tokens: usize, limits: &Limits, rows: usize) -> Bytes {
+        let session = Session::new(*self, &mut Arena::measuring(), tokens, limits, rows);
+        invariant!(session.is_ok(), "an arena that measures refuses nothing");
+        session.map_or(Bytes::default(), |session| session.bytes)
+    }
+
+    /// Multiply-accumulates of a plan at most: text and anchors read, all passes, logits and distances of every position and step.
+    #[must_use]
+    pub fn macs(&self, tokens: usize, limits: &Limits) -> u64 {
+        let none = if limits.guided { self.none_rows() } else { 0 };
+        let encode = |rows: usize| self.text.encoder().map_or(0, |encoder| encoder.macs(rows));
+        let each = |rows: usize| {
+            if rows == 0 { 0 } else { encode(rows) + self.planner.read_macs(rows) }
+        };
+        let (anchors, scaffold) = self.control(limits).map_or((0, 0), |control| (tokens, control.macs(tokens)));
+        let read = each(limits.words) + each(none) + self.text.length().macs() + scaffold;
+        let guided = if none == 0 { 0 } else { self.planner.pass_macs(tokens, 0, none) };
+        let passes = self.planner.pass_macs(tokens, anchors, limits.words) + guided;
+        let position = self.planner.logits_macs() + self.planner.sampler().macs(self.codebooks);
+        read + u64::from(limits.steps) * (passes + tokens as u64 * position)
+    }
+}
+
+/// What is to be read.
+#[derive(Debug, Clone, Copy)]
+enum Reading<'r> {
+    /// The words' ids are in the session.
+    Words(usize),
+    Stored(&'r str),
+}
+
+/// The planner at work on one request.
+#[derive(Debug)]
+pub struct Session<'m, 'b, 'w> {
+    modules: Modules<'m, 'b>,
+    text: Condition<'w>,
+    none: Condition<'w>,
+    anchors: Condition<'w>,
+    /// `[words]`
+    words: &'w mut [u16],
+    /// `[dt]`
+    pooled: &'w mut [f32],
+    /// `[max_tokens]`
+    lengths: &'w mut [f32],
+    /// Memory `[n][dt]` while text is read, the scaffold `[L][ds]` while anchors are, then rows `[1 + L][d]`.
+    x: &'w mut [f32],
+    /// `[L]`
+    proposal: &'w mut [u16],
+    predicted: usize,
+    needed: Lengths,
+    /// What it has taken.
+    bytes: Bytes,
+    /// Where passes and draws take turns.
+    spare: Arena<'w>,
+}
+
+impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
+    /// Takes the buffers for motions of up to `tokens` tokens, of whose rows so many pass at a time ([`crate::Limits::rows`]).
+    ///
+    /// # Errors
+    /// [`ArenaTooSmall`].
+    pub fn new(
+        modules: Modules<'m, 'b>,
+        arena: &mut Arena<'w>,
+        tokens: usize,
+        limits: &Limits,
+        rows: usize,
+    ) -> Result<Self, ArenaTooSmall> {
+        let l = modules.lengths(tokens, limits, rows);
+        let begin = arena.used();
+        let text = Condition::new(modules.planner, arena, l.words, 1)?;
+        let none = Condition::new(modules.planner, arena, l.none, usize::from(limits.guided))?;
+        let of_text = arena.used() - begin;
+        let anchors = Condition::new(modules.planner, arena, l.anchors.0, l.anchors.1)?;
+        let of_anchors = arena.used() - begin - of_text;
+        let words = arena.take(l.words)?;
+        let pooled = arena.take(modules.text.width())?;
+        let lengths = arena.take(modules.text.length().outputs())?;
+        let x = arena.take(l.x)?;
+        let proposal = arena.take(l.tokens)?;
+        let bytes = Bytes {
+            text: of_text,
+            anchors: of_anchors,
+            rows: arena.used() - begin - of_text - of_anchors,
+            pass: Arena::measure(|arena| Pass::new(arena, &l)),
+            draw: Arena::measure(|arena| modules.draw(modules.planner.sampler(), &[], arena)),
+        };
+        let spare = arena.part(bytes.working())?;
+        let (predicted, needed) = (0, l);
+        Ok(Session {
+            modules,
+            text,
+            none,
+            anchors,
+            words,
+            pooled,
+            lengths,
+            x,
+            proposal,
+            predicted,
+            needed,
+            bytes,
+            spare,
+        })
+    }
+
+    /// Encodes `prompt`, and the prompt that says nothing if the session is guided, and predicts the length.
+    ///
+    /// # Errors
+    /// A [`PromptError`]. Breaks off when `check`, which is asked behind every block, says so.
+    pub fn read(&mut self, prompt: &Prompt<'_>, check: Check<'_>) -> Result<ControlFlow<Stop, Heard>, PromptError> {
+        let rows = self.modules.text.rows(prompt)?;
+        let heard = match *prompt {
+            Prompt::Text(text) => self.modules.text.ids(text, self.words)?,
+            Prompt::Bank(_) => Heard { words: u16::try_from(rows).unwrap_or(u16::MAX), unknown_words: 0 },
+        };
+        let reading = match *prompt {
+            Prompt::Text(_) => Reading::Words(rows),
+            Prompt::Bank(name) => Reading::Stored(name),
+        };
+        Ok(match self.read_both(reading, check) {
+            ControlFlow::Continue(()) => ControlFlow::Continue(heard),
+            ControlFlow::Break(stop) => ControlFlow::Break(stop),
+        })
+    }
+
+    fn read_both(&mut self, reading: Reading<'_>, check: Check<'_>) -> ControlFlow<Stop> {
+        self.encode(reading, false, check)?;
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
+        pass.scratch.linear(self.modules.text.length(), self.pooled, self.lengths);
+        self.predicted = length::median(self.lengths);
+        if self.needed.guided == 0 {
+            return ControlFlow::Continue(());
+        }
+        let none = match self.modules.text.encoder() {
+            None => Reading::Stored(bank::NONE),
+            Some(_) => {
+                if let Some(word) = self.words.first_mut() {
+                    *word = NONE;
+                }
+                Reading::Words(1)
+            }
+        };
+        self.encode(none, true, check)
+    }
+
+    fn encode(&mut self, reading: Reading<'_>, none: bool, check: Check<'_>) -> ControlFlow<Stop> {
+        let Modules { text, planner, .. } = self.modules;
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
+        let width = text.width();
+        let memory = match reading {
+            Reading::Words(count) => {
+                let memory = part_mut!(self.x, ..count * width);
+                if let Some(encoder) = text.encoder() {
+                    let words = part!(self.words, ..count);
+                    let (mut own, scratch) = pass.split(count);
+                    encoder.encode(words, memory, self.pooled, &mut own, scratch, check)?;
+                }
+                memory
+            }
+            Reading::Stored(name) => match text.bank().get(name) {
+                None => &mut [],
+                Some(entry) => {
+                    let memory = part_mut!(self.x, ..entry.rows() * width);
+                    entry.read(memory, self.pooled);
+                    memory
+                }
+            },
+        };
+        let condition = if none { &mut self.none } else { &mut self.text };
+        planner.read(memory, self.pooled, condition, &mut pass.scratch, check)
+    }
+
+    /// Reads the anchors of a motion of `tokens` tokens, no more than the session was made for: from here on they condition every
+    /// pass. Without room for them ([`Limits::anchors`]), or with none of a family that the planner was trained for, nothing
+    /// happens.
+    ///
+    /// Breaks off when `check` says so; it is asked behind every block.
+    pub fn anchor(&mut self, anchors: &AnchorSet, tokens: usize, check: Check<'_>) -> ControlFlow<Stop> {
+        let Modules { planner, control: Some(control), .. } = self.modules else { return ControlFlow::Continue(()) };
+        if self.needed.anchors.0 == 0 || !anchors.iter().any(|anchor| control.sees(anchor.family)) {
+            return ControlFlow::Continue(());
+        }
+        let h = part_mut!(self.x, ..tokens * control.scaffold_width());
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
+        let work = core::mem::take(&mut pass.work);
+        let (mut own, scratch) = pass.split(tokens);
+        control.read(planner, anchors, h, &mut own, &mut self.anchors, work, scratch, check)
+    }
+
+    /// The length that the text suggests, tokens.
+    #[must_use]
+    pub const fn predicted_length(&self) -> usize {
+        self.predicted
+    }
+
+    /// Where the model's sampler begins.
+    pub fn begin(&self, planning: &Planning<'_>, random: &mut Stream, tokens: &mut [u16]) {
+        let planner = self.modules.planner;
+        planner.sampler().begin(planning, planner.codes(), random, tokens);
+    }
+
+    /// One pass over `tokens` at time `time`, with guidance two: what [`Session::logits`] and [`Session::advance`] read.
+    /// No more tokens than the session was made for, each in the codebook.
+    ///
+    /// Breaks off when `check` says so; it is asked behind every block.
+    pub fn pass(&mut self, tokens: &[u16], time: f32, planning: &Planning<'_>, check: Check<'_>) -> ControlFlow<Stop> {
+        let planner = self.modules.planner;
+        let width = planner.width();
+        let rows = 1 + tokens.len();
+        let x = part_mut!(self.x, ..rows * width);
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
+        let guided = core::mem::take(&mut pass.guided);
+        let (mut own, scratch) = pass.split(rows);
+        let input = Input { tokens, time, planning };
+        planner.forward(&input, &self.text, Some(&self.anchors), x, &mut own, scratch, check)?;
+        if !planning.guided() || guided.is_empty() {
+            return ControlFlow::Continue(());
+        }
+        for (to, from) in guided.iter_mut().zip(x.iter().skip(width)) {
+            *to = *from;
+        }
+        // What guides is text and anchors together: the other end knows neither.
+        planner.forward(&input, &self.none, None, x, &mut own, scratch, check)?;
+        for (none, text) in x.iter_mut().skip(width).zip(guided.iter()) {
+            *none += planning.guidance * (*text - *none);
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Guided logits `[V]` of one position, as the last pass left them.
+    pub fn logits(&mut self, position: usize) -> &[f32] {
+        let planner = self.modules.planner;
+        let width = planner.width();
+        let row = part!(self.x, (1 + position) * width..(2 + position) * width);
+        let mut spare = self.spare.overlay();
+        let mut logits = worked_in!(Logits::new(planner, row, &mut spare), &[]);
+        logits.each(|_, _| {});
+        logits.first()
+    }
+
+    /// Moves `tokens` on by one step of the model's sampler, from time `times.0` to `times.1` by the last pass; without times it is the
+    /// last step.
+    pub fn advance(
+        &mut self,
+        planning: &Planning<'_>,
+        times: Option<(f32, f32)>,
+        random: &mut Stream,
+        tokens: &mut [u16],
+    ) {
+        self.advance_by(self.modules.planner.sampler(), planning, times, random, tokens);
+    }
+
+    /// The same by another sampler, which must not need more memory than the model's.
+    pub fn advance_by<S: TokenSampler>(
+        &mut self,
+        sampler: &S,
+        planning: &Planning<'_>,
+        times: Option<(f32, f32)>,
+        random: &mut Stream,
+        tokens: &mut [u16],
+    ) {
+        let (modules, width) = (self.modules, self.modules.planner.width());
+        let rows = part!(self.x, width..(1 + tokens.len()) * width);
+        let mut spare = self.spare.overlay();
+        let (mut logits, mut work) = worked_in!(modules.draw(sampler, rows, &mut spare));
+        let draw = Draw { planning, random, tokens, proposals: self.proposal };
+        match times {
+            Some(times) => sampler.step(times, &mut logits, modules.codebooks, &mut work, draw),
+            None => sampler.finish(&mut logits, &mut work, draw),
+        }
+    }
+
+    /// The proposals of the last [`Session::advance`].
+    #[must_use]
+    pub fn proposal(&self) -> &[u16] {
+        self.proposal
+    }
+}

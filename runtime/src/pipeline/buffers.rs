@@ -1,0 +1,98 @@
+//! The buffers of a request, declared once: a plan measures them, a run takes them.
+
+use crate::codec::vq::decoder::Workspace;
+use crate::memory::{Arena, ArenaTooSmall};
+use crate::model::Model;
+use crate::nn::output::Output;
+use crate::pipeline::plan::Limits;
+use crate::refining;
+use crate::representation::humanml3d::{POSITION_CHANNELS, Path, ROOT_CHANNELS};
+use crate::representation::rotations;
+
+/// Feature channels that the solver may have to decode for so many anchors.
+const fn solver_channels(anchors: usize) -> usize {
+    ROOT_CHANNELS + 3 * refining::most_joints(anchors)
+}
+
+/// Numbers of a frame in the buffer for features and their gradient.
+const fn feature_columns(anchors: usize) -> usize {
+    let solver = if anchors == 0 { 0 } else { 2 * solver_channels(anchors) };
+    if solver > POSITION_CHANNELS { solver } else { POSITION_CHANNELS }
+}
+
+/// Numbers of a frame that rotations are computed from: none if the model's last layer has no such channels.
+pub(super) fn rotation_columns(output: &Output<'_>) -> usize {
+    if output.outputs() < rotations::FIRST + rotations::CHANNELS { 0 } else { output.inputs() }
+}
+
+/// Tokens `[L][Q]` of the longest motion inside `limits`; they lie below everything.
+pub(crate) fn tokens<'a>(
+    model: &Model<'_>,
+    limits: &Limits,
+    arena: &mut Arena<'a>,
+) -> Result<&'a mut [u16], ArenaTooSmall> {
+    arena.take(limits.tokens * model.codebooks().quantizers())
+}
+
+/// Bytes of [`Decoding`] by purpose.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Bytes {
+    pub embeddings: usize,
+    pub features: usize,
+    pub path: usize,
+    pub gates: usize,
+    pub decoder: usize,
+}
+
+/// What embeddings become joints in, while they are refined and when they are decoded at last.
+#[derive(Debug)]
+pub(crate) struct Decoding<'a> {
+    /// Embeddings `[L][du]`.
+    pub u: &'a mut [f32],
+    /// Features, and their gradient while the motion is refined.
+    pub features: &'a mut [f32],
+    pub path: Path<'a>,
+    pub work: Workspace<'a>,
+    pub bytes: Bytes,
+}
+
+impl<'a> Decoding<'a> {
+    /// Takes them for motions inside `limits`.
+    pub fn take(model: &Model<'_>, limits: &Limits, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
+        let decoder = model.decoder();
+        let frames = limits.tokens * model.frames_per_token();
+        let begin = arena.used();
+        let u = arena.take(limits.tokens * decoder.code_width())?;
+        let embeddings = arena.used() - begin;
+        let features = arena.take(frames * feature_columns(limits.anchors))?;
+        let of_features = arena.used() - begin - embeddings;
+        let path = Path::take(arena, frames, true)?;
+        let of_path = arena.used() - begin - embeddings - of_features;
+        let work = decoder.workspace(arena, limits.tokens, POSITION_CHANNELS, limits.rows)?;
+        let gates = decoder.gate_bytes(limits.tokens);
+        let of_decoder = arena.used() - begin - embeddings - of_features - of_path - gates;
+        let bytes = Bytes { embeddings, features: of_features, path: of_path, gates, decoder: of_decoder };
+        Ok(Decoding { u, features, path, work, bytes })
+    }
+}
+
+/// What the solver works in, behind [`Decoding`]; nothing without anchors.
+pub(crate) fn solver<'a>(
+    model: &Model<'_>,
+    limits: &Limits,
+    arena: &mut Arena<'a>,
+) -> Result<&'a mut [f32], ArenaTooSmall> {
+    let Limits { tokens, anchors, refinement, .. } = limits;
+    let width = model.decoder().code_width();
+    arena.take(if *anchors > 0 { refining::scratch_len(*tokens, width, *anchors, refinement) } else { 0 })
+}
+
+/// The last layer's quantised input `[T][W]` and its scales `[T]`, which rotations are computed from: in the solver's place.
+pub(crate) fn rotation_rows<'a>(
+    model: &Model<'_>,
+    limits: &Limits,
+    arena: &mut Arena<'a>,
+) -> Result<(&'a mut [i16], &'a mut [f32]), ArenaTooSmall> {
+    let (frames, columns) = (limits.tokens * model.frames_per_token(), rotation_columns(model.decoder().output()));
+    Ok((arena.take(frames * columns)?, arena.take(if columns > 0 { frames } else { 0 })?))
+}

@@ -1,0 +1,393 @@
+//! Runs a request: plans its tokens, embeds them, bends them onto the anchors, decodes the joints.
+
+pub(crate) mod buffers;
+mod decode_map;
+mod environment;
+mod error;
+mod observer;
+pub mod plan;
+mod plan_tokens;
+mod request;
+mod rotations;
+pub(crate) mod stream;
+
+pub use error::Error;
+pub use observer::{Observer, Progress, Stage};
+pub use request::{Request, Source};
+pub use stream::{Frame, MotionStream, Segment};
+
+use crate::JOINTS;
+pub use crate::blob::SELF_TEST_NUMBERS;
+use crate::generation::tokens::session::Modules;
+use crate::generation::tokens::{self as planning, PlanningError};
+use crate::log;
+use crate::memory::{Arena, ArenaTooSmall};
+use crate::model::Model;
+use crate::numerics::hash::Fnv;
+use crate::pipeline::plan::{Limits, Plan, ROWS, StreamLimits};
+use crate::refining::{self, Objective, SolverError};
+use crate::representation::humanml3d::{self, Features, Path, channels};
+use crate::request::conditions::AnchorSet;
+use crate::request::prompt::Heard;
+use buffers::{Decoding, rotation_columns};
+use decode_map::DecoderMap;
+use environment::floating_point_is_default;
+use observer::Watch;
+use plan_tokens::{Planned, plan_tokens};
+use rotations::Rotations;
+
+/// A finished motion, in the generator's arena.
+#[derive(Debug, Clone, Copy)]
+pub struct Motion<'a> {
+    joints: &'a [f32],
+    u: &'a [f32],
+    tokens: &'a [u16],
+    heard: Heard,
+    unconditioned: u16,
+    frame_rate: u16,
+    rotations: Rotations<'a>,
+    /// What the refinement did; `None` without one.
+    pub refinement: Option<refining::Report>,
+    /// Arena bytes that were taken.
+    pub arena_used: usize,
+}
+
+impl<'a> Motion<'a> {
+    /// Joint positions `[T][22][3]`, metres, flat.
+    #[must_use]
+    pub const fn joints(&self) -> &'a [f32] {
+        self.joints
+    }
+
+    /// Joint positions, a frame at a time, metres.
+    #[must_use]
+    pub fn frames(&self) -> &'a [[[f32; 3]; JOINTS]] {
+        bytemuck::try_cast_slice(self.joints).unwrap_or(&[])
+    }
+
+    /// The pose of a frame as the model's own joint rotations have it: bones as long as in [`Motion::frames`], turned as the rotations
+    /// say. `None` when the model has none, or the motion no such frame.
+    #[must_use]
+    pub fn rotated(&self, frame: usize) -> Option<[[f32; 3]; JOINTS]> {
+        self.rotations.pose(frame, self.frames().get(frame)?)
+    }
+
+    /// Mean distance of the joints of [`Motion::rotated`] from [`Motion::frames`], metres, over every `step`-th frame: how far
+    /// rotations and positions disagree. `None` when the model has no rotations.
+    #[must_use]
+    pub fn rotation_error(&self, step: usize) -> Option<f32> {
+        let (mut sum, mut count) = (0.0f32, 0.0f32);
+        for (index, pose) in self.frames().iter().enumerate().step_by(if step > 0 { step } else { 1 }) {
+            let rotated = self.rotations.pose(index, pose)?;
+            for ([ax, ay, az], [bx, by, bz]) in pose.iter().zip(rotated) {
+                let (dx, dy, dz) = (ax - bx, ay - by, az - bz);
+                sum += libm::sqrtf(dx * dx + dy * dy + dz * dz);
+                count += 1.0;
+            }
+        }
+        if count > 0.0 { Some(sum / count) } else { None }
+    }
+
+    /// Token embeddings `[L][du]` the motion was decoded from.
+    #[must_use]
+    pub const fn u(&self) -> &'a [f32] {
+        self.u
+    }
+
+    /// Tokens `[L][Q]` it was decoded from, before refinement; empty when it was made from embeddings.
+    #[must_use]
+    pub const fn tokens(&self) -> &'a [u16] {
+        self.tokens
+    }
+
+    /// Words of the prompt; 0 without one.
+    #[must_use]
+    pub const fn words(&self) -> u16 {
+        self.heard.words
+    }
+
+    /// Words of the prompt that the model does not know.
+    #[must_use]
+    pub const fn unknown_words(&self) -> u16 {
+        self.heard.unknown_words
+    }
+
+    /// Distinct anchors of the request that the planner did not see: those of families it was not trained for, or all of them,
+    /// where the blob has no anchor control, the request wants none ([`Request::unconditioned`]) or no text was planned.
+    #[must_use]
+    pub const fn unconditioned_anchors(&self) -> u16 {
+        self.unconditioned
+    }
+
+    /// Frames a second.
+    #[must_use]
+    pub const fn frame_rate(&self) -> u16 {
+        self.frame_rate
+    }
+
+    /// Hash over every bit of embeddings and joints.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        crate::numerics::hash::motion(self.u, self.joints)
+    }
+}
+
+/// A request that was checked against the model.
+struct Checked {
+    limits: Limits,
+    /// What it asks of the motion, planned with or not.
+    anchors: AnchorSet,
+}
+
+/// Makes motions of one model in one arena.
+#[derive(Debug)]
+pub struct Generator<'a> {
+    model: Model<'a>,
+    arena: &'a mut [u8],
+    /// Of [`Limits::rows`].
+    rows: usize,
+}
+
+impl<'a> Generator<'a> {
+    /// A generator of `model` that works in `arena` and nowhere else.
+    ///
+    /// # Errors
+    /// [`Error::FloatingPoint`] when the processor would compute other bits than the digital-twin contract says.
+    pub fn new(model: Model<'a>, arena: &'a mut [u8]) -> Result<Self, Error> {
+        if floating_point_is_default() { Ok(Generator { model, arena, rows: ROWS }) } else { Err(Error::FloatingPoint) }
+    }
+
+    /// Has so many rows pass through a layer at a time, from now on, instead of [`ROWS`]: what that is good for says [`Limits::rows`], what
+    /// arena it takes [`Generator::plan`].
+    pub const fn set_rows(&mut self, rows: usize) {
+        self.rows = rows;
+    }
+
+    /// The model.
+    #[must_use]
+    pub const fn model(&self) -> &Model<'a> {
+        &self.model
+    }
+
+    /// What this request will need of the arena.
+    ///
+    /// # Errors
+    /// [`Error::Tokens`] when its length is not allowed, [`Error::Prompt`] or [`Error::Planning`] of a text, [`Error::Anchors`].
+    pub fn plan(&self, request: &Request<'_>) -> Result<Plan, Error> {
+        Ok(Plan::for_request(&self.model, &self.check(request)?.limits)?)
+    }
+
+    /// Checks all of a request that can be checked before it runs.
+    fn check(&self, request: &Request<'_>) -> Result<Checked, Error> {
+        let mut limits = self.limits(request)?;
+        let frames = limits.tokens * self.model.frames_per_token();
+        let anchors = AnchorSet::of(request.anchors, self.model.frame_rate(), frames)?;
+        if request.refinement.is_some() {
+            limits.anchors = anchors.len();
+        }
+        if let Some(planning) = &mut limits.planning {
+            planning.anchors = request.planning.conditioned && self.seen(&anchors);
+        }
+        Ok(Checked { limits, anchors })
+    }
+
+    /// What the request takes without its anchors.
+    fn limits(&self, request: &Request<'_>) -> Result<Limits, Error> {
+        let refinement = request.refinement.unwrap_or_default();
+        let limit = self.model.max_tokens();
+        let (numbers, each) = match request.source {
+            Source::Tokens(tokens) => (tokens.len(), self.model.codebooks().quantizers()),
+            Source::Embeddings(u) => (u.len(), self.model.decoder().code_width()),
+            Source::Text(prompt) => {
+                let Modules { text, planner, .. } = self.model.planning().ok_or(PlanningError::NoPlanner)?;
+                let words = text.rows(&prompt)?;
+                let plan = &request.planning;
+                let tokens = plan.check(limit, planner.codes(), self.model.frames_per_token())?;
+                let planning = planning::Limits { words, steps: plan.steps, guided: plan.guided(), anchors: false };
+                return Ok(Limits { tokens, anchors: 0, refinement, planning: Some(planning), rows: self.rows });
+            }
+        };
+        let tokens = numbers / each.max(1);
+        if tokens == 0 || tokens > limit || !numbers.is_multiple_of(each.max(1)) {
+            return Err(Error::Tokens { found: if tokens > limit { tokens } else { numbers }, limit });
+        }
+        Ok(Limits { tokens, anchors: 0, refinement, planning: None, rows: self.rows })
+    }
+
+    /// Whether the planner would see any of `anchors`.
+    fn seen(&self, anchors: &AnchorSet) -> bool {
+        let control = self.model.control();
+        control.is_some_and(|control| anchors.iter().any(|anchor| control.sees(anchor.family)))
+    }
+
+    /// Makes the motion of `request`. `observer` is asked at every layer boundary.
+    ///
+    /// # Errors
+    /// [`Error`]; the generator can be used again at once.
+    pub fn generate(&mut self, request: &Request<'_>, observer: &mut impl Observer) -> Result<Motion<'_>, Error> {
+        let result = self.run(request, observer);
+        if let Err(error) = &result {
+            log::refused!("request refused: {}", error);
+        }
+        result
+    }
+
+    fn run(&mut self, request: &Request<'_>, observer: &mut dyn Observer) -> Result<Motion<'_>, Error> {
+        let Checked { limits, anchors } = self.check(request)?;
+        let model = &self.model;
+        let decoder = model.decoder();
+
+        let mut arena = Arena::new(self.arena);
+        // Nothing is planned that could not be decoded.
+        let (needed, available) = (Plan::for_request(model, &limits)?.arena_bytes, arena.available());
+        let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
+        if needed > available {
+            return Err(Error::Arena(ArenaTooSmall { needed, available }));
+        }
+        let quantizers = model.codebooks().quantizers();
+        let tokens = buffers::tokens(model, &limits, &mut arena).map_err(too_small)?;
+        let mut peak = 0;
+        let mut unconditioned = anchors.len() as u16;
+        let mut made = Planned { tokens: limits.tokens, heard: Heard::default() };
+        if let (Source::Text(prompt), Some(planning), Some(modules)) =
+            (request.source, &limits.planning, model.planning())
+        {
+            let shortest = anchors.last_frame().map_or(1, |f| usize::from(f) / model.frames_per_token().max(1) + 1);
+            let mut overlay = arena.overlay();
+            let plan = &request.planning;
+            made = plan_tokens(
+                modules,
+                (planning, limits.rows),
+                &mut overlay,
+                &prompt,
+                plan,
+                shortest,
+                Some(&anchors),
+                tokens,
+                observer,
+            )?;
+            peak = overlay.used();
+            if let (true, Some(control)) = (planning.anchors, model.control()) {
+                unconditioned = anchors.iter().filter(|anchor| !control.sees(anchor.family)).count() as u16;
+            }
+            log::debug!("planned {} tokens", made.tokens);
+        }
+        // A predicted length may be shorter than what the buffers are made for.
+        let frames = made.tokens * model.frames_per_token();
+        let tokens = part_mut!(tokens, ..made.tokens * quantizers);
+        let Decoding { u, features, mut path, mut work, .. } =
+            Decoding::take(model, &limits, &mut arena).map_err(too_small)?;
+        let u = part_mut!(u, ..made.tokens * decoder.code_width());
+        let tokens = embed(model, request.source, tokens, u)?;
+
+        let mut refinement = None;
+        if limits.anchors > 0 {
+            let config = limits.refinement;
+            let mut overlay = arena.overlay();
+            let scratch = buffers::solver(model, &limits, &mut overlay).map_err(too_small)?;
+            peak = peak.max(overlay.used());
+            let objective = Objective::new(&anchors, &config);
+            let selected = channels(objective.joints());
+            let (values, gradient) = features.split_at_mut_checked(frames * selected.count()).unwrap_or_default();
+            let mut map = DecoderMap {
+                model,
+                channels: &selected,
+                values,
+                gradient,
+                path: &mut path,
+                work: &mut work,
+                watch: Watch { observer, stage: Stage::Refining, evaluation: 0, evaluations: config.evaluations },
+                tokens: made.tokens,
+                in_range: true,
+            };
+            refinement = match refining::solve(&mut map, u, &objective, &config, scratch) {
+                Ok(report) => {
+                    log::debug!("refined: {}", report);
+                    Some(report)
+                }
+                Err(SolverError::Aborted) => return Err(Error::Aborted),
+                Err(e) => return Err(Error::Solver(e)),
+            };
+        }
+
+        let all = channels(u32::MAX);
+        let values = part_mut!(features, ..frames * all.count());
+        let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
+        let (q, scales) = buffers::rotation_rows(model, &limits, &mut arena).map_err(too_small)?;
+        let columns = rotation_columns(decoder.output());
+        let kept = if columns > 0 { frames } else { 0 };
+        work.keep(part_mut!(q, ..kept * columns), part_mut!(scales, ..kept));
+        if decoder.forward(u, &all, values, &mut work, &mut || watch.ask_at_the_end()).is_break() {
+            return Err(Error::Aborted);
+        }
+        let (mean, std) = (model.mean(), model.std());
+        Features { values, channels: &all, mean, std }.integrate(&mut path);
+        let joints = humanml3d::joints(values, &path, mean, std);
+        let Path { cos, sin, .. } = path;
+        let rotations = Rotations { output: decoder.output(), rows: work.kept(), mean, std, cos, sin };
+        let arena_used = if peak > arena.used() { peak } else { arena.used() };
+        log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
+        let Planned { heard, .. } = made;
+        let frame_rate = model.frame_rate();
+        Ok(Motion { joints, u, tokens, heard, unconditioned, frame_rate, rotations, refinement, arena_used })
+    }
+
+    /// Runs the blob's self-test: decodes its token sequence, as a stream so that it needs less memory than a motion of that length, and
+    /// compares the hash. `None`: the blob carries none.
+    ///
+    /// # Errors
+    /// Any [`Error`] of the request.
+    // Its own frame: the stream is not to lie on the stack of whoever asks, while motions are made.
+    #[inline(never)]
+    pub fn self_test(&mut self) -> Result<Option<bool>, Error> {
+        let test = self.model.self_test();
+        if test.hash == 0 {
+            return Ok(None);
+        }
+        let mut tokens = [0u16; SELF_TEST_NUMBERS];
+        let count = usize::from(test.tokens) * self.model.codebooks().quantizers();
+        let limit = self.model.max_tokens();
+        let tokens = tokens.get_mut(..count).ok_or(Error::Tokens { found: count, limit })?;
+        let mut stream = crate::numerics::hash::Stream::new(u64::from(test.seed));
+        for token in tokens.iter_mut() {
+            *token = stream.below(self.model.codebooks().codes() as u32) as u16;
+        }
+        let mut hash = Fnv::default();
+        let u = Arena::new(self.arena).take(self.model.decoder().code_width()).map_err(Error::Arena)?;
+        for position in tokens.chunks_exact(self.model.codebooks().quantizers().max(1)) {
+            self.model.codebooks().embed(position, u)?;
+            hash = hash.singles(u);
+        }
+        let mut motion = self.stream(&StreamLimits { tokens: usize::from(test.tokens), planning: None, rows: ROWS })?;
+        motion.push(tokens)?;
+        motion.finish();
+        while let Some(frames) = motion.frames(&mut ())? {
+            hash = hash.singles(frames.as_flattened().as_flattened());
+        }
+        Ok(Some(hash.value() == test.hash))
+    }
+}
+
+/// Fills `u` from tokens (the request's, or those that were planned) or embeddings. The tokens come back.
+fn embed<'t>(model: &Model<'_>, source: Source<'_>, tokens: &'t mut [u16], u: &mut [f32]) -> Result<&'t [u16], Error> {
+    match source {
+        Source::Tokens(given) => {
+            for (to, from) in tokens.iter_mut().zip(given) {
+                *to = *from;
+            }
+        }
+        Source::Text(_) => {}
+        Source::Embeddings(values) => {
+            let limit = model.embedding_limit();
+            if let Some(index) = values.iter().position(|v| !(v.abs() <= limit)) {
+                return Err(Error::Embedding { index });
+            }
+            for (to, from) in u.iter_mut().zip(values) {
+                *to = *from;
+            }
+            return Ok(&[]);
+        }
+    }
+    model.codebooks().embed(tokens, u)?;
+    Ok(tokens)
+}

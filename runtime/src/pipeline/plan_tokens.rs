@@ -1,0 +1,111 @@
+//! The planning stage: reads the prompt, settles the length, runs the sampler with the observer watching.
+
+use super::error::Error;
+use super::observer::{Observer, Stage, Watch};
+use crate::generation::tokens::session::Modules;
+use crate::generation::tokens::{Length, Limits, Planning, Session};
+use crate::memory::Arena;
+use crate::numerics::hash::Stream;
+use crate::request::conditions::AnchorSet;
+use crate::request::prompt::{Heard, Prompt};
+use crate::stop::Stop;
+use core::ops::ControlFlow;
+
+/// What planning settled.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Planned {
+    /// Tokens of the motion.
+    pub tokens: usize,
+    /// What was understood of the prompt.
+    pub heard: Heard,
+}
+
+/// Asks the observer, and puts [`Stop::Finish`] off until there are proposals to finish with.
+struct Finishing<'w, 'o> {
+    watch: &'w mut Watch<'o>,
+    /// The end was asked for.
+    wanted: bool,
+    /// There are proposals.
+    ready: bool,
+}
+
+impl Finishing<'_, '_> {
+    fn ask(&mut self) -> ControlFlow<Stop> {
+        let flow = self.watch.ask();
+        self.wanted |= flow == ControlFlow::Break(Stop::Finish);
+        if self.wanted && !self.ready && flow != ControlFlow::Break(Stop::Abort) {
+            ControlFlow::Continue(())
+        } else {
+            flow
+        }
+    }
+}
+
+/// Plans the tokens of `prompt` into `tokens`, which has room for the longest motion there may be, conditioned by `anchors`, in a
+/// session within `limits` that takes its memory from `arena`. A predicted length is at least `shortest`.
+// Its own frame: the session is not to lie on the stack while the tokens are decoded.
+#[inline(never)]
+pub(super) fn plan_tokens(
+    modules: Modules<'_, '_>,
+    (limits, rows): (&Limits, usize),
+    arena: &mut Arena<'_>,
+    prompt: &Prompt<'_>,
+    planning: &Planning<'_>,
+    shortest: usize,
+    anchors: Option<&AnchorSet>,
+    tokens: &mut [u16],
+    observer: &mut dyn Observer,
+) -> Result<Planned, Error> {
+    let mut session = Session::new(modules, arena, tokens.len(), limits, rows).map_err(Error::Arena)?;
+    let mut watch = Watch { observer, stage: Stage::Reading, evaluation: 1, evaluations: 1 };
+    let mut end = Finishing { watch: &mut watch, wanted: false, ready: false };
+    let ControlFlow::Continue(heard) = session.read(prompt, &mut || end.ask())? else { return Err(Error::Aborted) };
+
+    let mut count = tokens.len();
+    if planning.length == Length::Predicted {
+        let least = [shortest, planning.shortest()];
+        let mut wanted = session.predicted_length();
+        for least in least {
+            if wanted < least {
+                wanted = least;
+            }
+        }
+        if wanted < count {
+            count = wanted;
+        }
+    }
+    let tokens = part_mut!(tokens, ..count);
+    if let Some(anchors) = anchors
+        && session.anchor(anchors, count, &mut || end.ask()).is_break()
+    {
+        return Err(Error::Aborted);
+    }
+
+    let mut random = Stream::new(planning.seed);
+    session.begin(planning, &mut random, tokens);
+    end.watch.stage = Stage::Planning;
+    end.watch.evaluations = planning.steps;
+    for step in 0..planning.steps {
+        end.watch.evaluation = step + 1;
+        let time = planning.schedule.time(step, planning.steps);
+        match session.pass(tokens, time, planning, &mut || end.ask()) {
+            ControlFlow::Continue(()) => {}
+            ControlFlow::Break(Stop::Abort) => return Err(Error::Aborted),
+            ControlFlow::Break(Stop::Finish) => {
+                for (to, from) in tokens.iter_mut().zip(session.proposal()) {
+                    *to = *from;
+                }
+                break;
+            }
+        }
+        let last = end.wanted || step + 1 == planning.steps;
+        let next = planning.schedule.time(step + 1, planning.steps);
+        session.advance(planning, if last { None } else { Some((time, next)) }, &mut random, tokens);
+        end.ready = true;
+        end.watch.observer.tokens(step, tokens);
+        if last {
+            break;
+        }
+    }
+    Ok(Planned { tokens: count, heard })
+}

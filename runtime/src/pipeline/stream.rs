@@ -1,0 +1,404 @@
+//! A motion that goes on: tokens come in segments, planned or given; frames come out as they become final.
+
+use super::observer::{Stage, Watch};
+use super::plan_tokens::plan_tokens;
+use super::{Error, Generator, Observer, Request, Source};
+use crate::JOINTS;
+use crate::codec::codebook::Codebooks;
+use crate::codec::vq::stream::{self, CHUNK};
+use crate::generation::tokens::session::Modules;
+use crate::generation::tokens::{self as planning, Fixed, Length, Planning, PlanningError};
+use crate::log;
+use crate::memory::{Arena, ArenaTooSmall, bytes_of};
+use crate::model::{MAX_TOKENS, Model};
+use crate::pipeline::plan::{StreamLimits, StreamPlan};
+use crate::representation::humanml3d::{self, Features, POSITION_CHANNELS, Path, Root, channels};
+use crate::request::prompt::Heard;
+use core::ops::ControlFlow;
+use heapless::Vec;
+
+/// A frame: the position of each joint, metres.
+pub type Frame = [[f32; 3]; JOINTS];
+
+/// What a call of [`MotionStream::plan`] added.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Segment {
+    /// Tokens.
+    pub tokens: usize,
+    /// What was understood of the prompt.
+    pub heard: Heard,
+}
+
+/// A running motion of any length, in the generator's arena.
+///
+/// [`MotionStream::plan`] plans how the motion goes on, [`MotionStream::push`] is told; both queue tokens.
+/// [`MotionStream::frames`] takes queued tokens through the decoder, a few at a time, and hands out the frames
+/// that have become final: the same bits, in the same frame of reference, as [`Generator::generate`] gives for all tokens at
+/// once. The output lags behind the tokens by the decoder's radius ([`StreamPlan::latency_frames`]), so tokens must be
+/// queued that far ahead of playback; the rest of the motion comes after [`MotionStream::finish`].
+///
+/// ```no_run
+/// # use motionette::{Error, Generator, Length, Request, StreamLimits, generation::tokens::Limits};
+/// # fn run(generator: &mut Generator<'_>, mut play: impl FnMut(&motionette::Frame)) -> Result<(), Error> {
+/// let planning = Limits { words: 32, steps: 10, guided: true, anchors: false };
+/// let mut stream = generator.stream(&StreamLimits { tokens: 49, planning: Some(planning), rows: 8 })?;
+/// for prompt in ["a person walks", "a person walks", "a person waves the right hand"] {
+///     stream.plan(&Request::text(prompt).length(Length::Tokens(12)), &mut ())?;
+///     while let Some(frames) = stream.frames(&mut ())? {
+///         frames.iter().for_each(&mut play);
+///     }
+/// }
+/// stream.finish();
+/// while let Some(frames) = stream.frames(&mut ())? {
+///     frames.iter().for_each(&mut play);
+/// }
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct MotionStream<'g, 'a> {
+    model: &'g Model<'a>,
+    decoder: stream::Stream<'g>,
+    memory: Memory<'g>,
+    path: Path<'g>,
+    root: Root,
+    /// Tokens of the chunk in work, the first of the queued ones.
+    chunk: usize,
+    /// Frames of decoded tokens that have not become final.
+    held: usize,
+    /// Segments planned so far; begins anew after the last number.
+    segment: u64,
+    finished: bool,
+    /// Of the planner, that pass through a layer at a time.
+    rows: usize,
+    /// What planning may use while it lasts.
+    spare: Arena<'g>,
+}
+
+/// The last tokens of the motion, `[n][Q]`, oldest first; the last `queued` of them have not been decoded yet.
+#[derive(Debug)]
+struct Memory<'g> {
+    tokens: &'g mut [u16],
+    quantizers: usize,
+    /// Positions that have come.
+    known: usize,
+    /// Those that have not been decoded.
+    queued: usize,
+    /// The motion began before the first of them.
+    forgotten: bool,
+}
+
+impl Memory<'_> {
+    fn capacity(&self) -> usize {
+        self.tokens.len() / self.quantizers.max(1)
+    }
+
+    fn room(&self) -> usize {
+        self.capacity().saturating_sub(self.queued)
+    }
+
+    /// `count` positions from `first` on.
+    fn get(&self, first: usize, count: usize) -> &[u16] {
+        part!(self.tokens, first * self.quantizers..(first + count) * self.quantizers)
+    }
+
+    /// Queues tokens for which there is room. The oldest make way.
+    fn push(&mut self, new: &[u16]) {
+        let known = self.known * self.quantizers;
+        let forget = (known + new.len()).saturating_sub(self.tokens.len());
+        let kept = known.saturating_sub(forget);
+        for at in 0..kept {
+            if let Some(&token) = self.tokens.get(at + forget)
+                && let Some(to) = self.tokens.get_mut(at)
+            {
+                *to = token;
+            }
+        }
+        for (to, from) in self.tokens.iter_mut().skip(kept).zip(new) {
+            *to = *from;
+        }
+        self.forgotten |= forget > 0;
+        self.known = (kept + new.len()) / self.quantizers.max(1);
+        self.queued += new.len() / self.quantizers.max(1);
+    }
+}
+
+/// The buffers of a stream, declared once; a segment's planning takes what lies behind them.
+#[derive(Debug)]
+pub(crate) struct Buffers<'g> {
+    tokens: &'g mut [u16],
+    path: Path<'g>,
+    decoder: stream::Stream<'g>,
+    /// Of these, bytes of the tokens, and of the path.
+    pub token_bytes: usize,
+    pub path_bytes: usize,
+}
+
+impl<'g> Buffers<'g> {
+    pub fn take(model: &Model<'_>, limits: &StreamLimits, arena: &mut Arena<'g>) -> Result<Self, ArenaTooSmall> {
+        let begin = arena.used();
+        let tokens = arena.take(limits.tokens * model.codebooks().quantizers())?;
+        let token_bytes = arena.used() - begin;
+        let path = Path::take(arena, CHUNK * model.frames_per_token(), false)?;
+        let path_bytes = arena.used() - begin - token_bytes;
+        let decoder = model.decoder().stream(arena, POSITION_CHANNELS)?;
+        Ok(Buffers { tokens, path, decoder, token_bytes, path_bytes })
+    }
+}
+
+/// What planning a segment takes: the window of up to `capacity` tokens, and the session behind it.
+pub(crate) fn planning_bytes(
+    modules: &Modules<'_, '_>,
+    capacity: usize,
+    tokens: usize,
+    limits: &planning::Limits,
+    rows: usize,
+) -> usize {
+    bytes_of::<u16>(capacity).saturating_add(modules.bytes(tokens, limits, rows).all())
+}
+
+impl<'a> Generator<'a> {
+    /// Begins a motion that is made piece by piece. It starts at the origin facing +z, as any other does.
+    ///
+    /// # Errors
+    /// [`Error::Arena`], [`Error::Tokens`] when `limits` remember no token or more than the model allows, and
+    /// [`PlanningError::NoPlanner`] when they plan without a planner.
+    pub fn stream(&mut self, limits: &StreamLimits) -> Result<MotionStream<'_, 'a>, Error> {
+        let model = &self.model;
+        let mut arena = Arena::new(self.arena);
+        let (needed, available) = (StreamPlan::new(model, limits)?.arena_bytes, arena.available());
+        let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
+        if needed > available {
+            return Err(Error::Arena(ArenaTooSmall { needed, available }));
+        }
+        let Buffers { tokens, path, decoder, .. } = Buffers::take(model, limits, &mut arena).map_err(too_small)?;
+        Ok(MotionStream {
+            model,
+            decoder,
+            memory: Memory {
+                tokens,
+                quantizers: model.codebooks().quantizers(),
+                known: 0,
+                queued: 0,
+                forgotten: false,
+            },
+            path,
+            root: Root::default(),
+            chunk: 0,
+            held: 0,
+            segment: 0,
+            finished: false,
+            rows: limits.rows,
+            spare: arena,
+        })
+    }
+}
+
+/// Distance of the seeds of neighbouring segments: 2^64 over the golden ratio, odd.
+const SEED_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
+
+impl MotionStream<'_, '_> {
+    /// Tokens that can be queued now.
+    #[must_use]
+    pub fn room(&self) -> usize {
+        if self.finished { 0 } else { self.memory.room() }
+    }
+
+    /// The last tokens of the motion, `[n][Q]`, as many as the stream remembers.
+    #[must_use]
+    pub fn tokens(&self) -> &[u16] {
+        self.memory.get(0, self.memory.known)
+    }
+
+    /// Frames that [`MotionStream::frames`] can hand out before it needs more tokens.
+    #[must_use]
+    pub fn frames_ahead(&self) -> usize {
+        let frames = self.memory.queued * self.model.frames_per_token() + self.held;
+        if self.finished { frames } else { frames.saturating_sub(self.model.decoder().radius_frames()) }
+    }
+
+    /// Moves the origin below the root of the next frame, leaving the axes as they are: far from the origin an f32
+    /// resolves less (0.06 mm at 1 km), so a motion that walks for hours should do this now and then. Returns where the
+    /// new origin lies in the old frame, `[x, z]`, metres.
+    pub const fn rebase(&mut self) -> [f32; 2] {
+        self.root.rebase()
+    }
+
+    /// Queues tokens, `[n][Q]` for `Q` quantizers. All of them or, with an error, none.
+    ///
+    /// # Errors
+    /// [`Error::Finished`], [`Error::QueueFull`], [`Error::Tokens`] for an incomplete position,
+    /// [`Error::TokenOutOfRange`].
+    pub fn push(&mut self, tokens: &[u16]) -> Result<(), Error> {
+        let codebooks = self.model.codebooks();
+        let count = tokens.len() / self.memory.quantizers.max(1);
+        if self.finished {
+            return Err(Error::Finished);
+        }
+        if count * self.memory.quantizers != tokens.len() {
+            return Err(Error::Tokens { found: tokens.len(), limit: self.model.max_tokens() });
+        }
+        if count > self.room() {
+            return Err(Error::QueueFull { found: count, room: self.room() });
+        }
+        let known = |&token: &u16| usize::from(token) < codebooks.codes() || token == Codebooks::NONE;
+        if let Some((index, &token)) = tokens.iter().enumerate().find(|(_, token)| !known(token)) {
+            return Err(Error::TokenOutOfRange { index, token, codes: codebooks.codes() as u16 });
+        }
+        self.memory.push(tokens);
+        Ok(())
+    }
+
+    /// Plans how the motion goes on, and queues those tokens.
+    ///
+    /// The planner sees the last tokens as given ones and the new ones behind them, as many as the stream remembers in all:
+    /// a window whose beginning is open unless it is the motion's own, and whose end is open. The request says
+    /// what it always says, but:
+    /// - its length is that of the new segment; a predicted length means half of what the stream remembers, at most what
+    ///   there is room for,
+    /// - positions of its fixed tokens count from the segment's beginning,
+    /// - segment `k`, counted from 0, draws from the seed plus `k * 0x9E3779B97F4A7C15`, wrapping,
+    /// - it has no anchors.
+    ///
+    /// With tokens instead of a text it is [`MotionStream::push`].
+    ///
+    /// # Errors
+    /// Any [`Error`] of the request, [`Error::Arena`] when it needs more than the stream was planned for,
+    /// [`Error::QueueFull`], [`Error::Finished`], [`Error::NotInParts`], and [`Error::Aborted`] when the observer says so.
+    /// The motion so far and its place in the sequence of seeds stay what they were.
+    pub fn plan(&mut self, request: &Request<'_>, observer: &mut impl Observer) -> Result<Segment, Error> {
+        self.plan_segment(request, true, observer)
+    }
+
+    /// The same for the motion's last segment, planned to end there, and [`MotionStream::finish`].
+    ///
+    /// # Errors
+    /// Those of [`MotionStream::plan`].
+    pub fn plan_last(&mut self, request: &Request<'_>, observer: &mut impl Observer) -> Result<Segment, Error> {
+        let segment = self.plan_segment(request, false, observer)?;
+        self.finish();
+        Ok(segment)
+    }
+
+    fn plan_segment(
+        &mut self,
+        request: &Request<'_>,
+        end_open: bool,
+        observer: &mut dyn Observer,
+    ) -> Result<Segment, Error> {
+        if self.finished {
+            return Err(Error::Finished);
+        }
+        let prompt = match request.source {
+            _ if !request.anchors.is_empty() => return Err(Error::NotInParts),
+            Source::Embeddings(_) => return Err(Error::NotInParts),
+            Source::Tokens(tokens) => {
+                self.push(tokens)?;
+                let tokens = tokens.len() / self.memory.quantizers.max(1);
+                return Ok(Segment { tokens, heard: Heard::default() });
+            }
+            Source::Text(prompt) => prompt,
+        };
+        let modules = self.model.planning().ok_or(PlanningError::NoPlanner)?;
+        let words = modules.text.rows(&prompt)?;
+        let (capacity, room) = (self.memory.capacity(), self.memory.room());
+        let (codes, frames_per_token) = (modules.planner.codes(), self.model.frames_per_token());
+        let half = u16::try_from(capacity.div_ceil(2).min(room)).unwrap_or(u16::MAX);
+        let length = match request.planning.length {
+            // Nothing fits: the error below shall say so, not one about lengths.
+            Length::Predicted if room == 0 => Length::Tokens(1),
+            Length::Predicted => Length::Tokens(half),
+            length => length,
+        };
+        let own = Planning { length, ..request.planning };
+        let count = own.check(capacity, codes, frames_per_token)?;
+        if count > room {
+            return Err(Error::QueueFull { found: count, room });
+        }
+
+        // The window: what is remembered and fits before the new tokens.
+        let context = self.memory.known.min(capacity.saturating_sub(count));
+        let before = self.memory.known.saturating_sub(context);
+        let mut fixed: Vec<Fixed, { MAX_TOKENS as usize }> = Vec::new();
+        let given = self.memory.get(before, context).iter().enumerate();
+        let given = given.map(|(position, &token)| Fixed { position: position as u16, token });
+        let later = |f: &Fixed| Fixed { position: f.position.saturating_add(context as u16), ..*f };
+        for f in given.chain(own.fixed.iter().map(later)) {
+            if fixed.push(f).is_err() {
+                return Err(PlanningError::TooManyFixed { found: own.fixed.len(), limit: count }.into());
+            }
+        }
+        let planning = Planning {
+            length: Length::Tokens((context + count) as u16),
+            seed: own.seed.wrapping_add(self.segment.wrapping_mul(SEED_STEP)),
+            fixed: &fixed,
+            start_open: self.memory.forgotten || before > 0,
+            end_open,
+            ..own
+        };
+        planning.check(capacity, codes, frames_per_token)?;
+
+        let limits = planning::Limits { words, steps: planning.steps, guided: planning.guided(), anchors: false };
+        let needed = self.spare.used() + planning_bytes(&modules, capacity, context + count, &limits, self.rows);
+        let available = self.spare.available();
+        let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
+        if needed > available {
+            return Err(Error::Arena(ArenaTooSmall { needed, available }));
+        }
+        let mut arena = self.spare.overlay();
+        let window = arena.take::<u16>(capacity).map_err(too_small)?;
+        let window = part_mut!(window, ..context + count);
+        let planned =
+            plan_tokens(modules, (&limits, self.rows), &mut arena, &prompt, &planning, 1, None, window, observer)?;
+        log::debug!("planned {} tokens behind {}", count, context);
+        self.memory.push(part!(window, context..));
+        self.segment = self.segment.wrapping_add(1);
+        Ok(Segment { tokens: count, heard: planned.heard })
+    }
+
+    /// Says that the motion ends with the tokens queued so far; [`MotionStream::frames`] hands out the rest of it.
+    pub const fn finish(&mut self) {
+        self.finished = true;
+    }
+
+    /// Takes the next few tokens through the decoder and hands out the frames that have become final, at most
+    /// [`StreamPlan::frames`] of them and perhaps none. `None`: all tokens have been decoded; after
+    /// [`MotionStream::finish`] also all frames handed out.
+    ///
+    /// The observer is asked before every layer. [`Stop::Finish`](crate::Stop::Finish) is granted by carrying on, since a
+    /// chunk ends soon.
+    ///
+    /// # Errors
+    /// [`Error::Aborted`] when the observer says so. Nothing is lost: the next call carries on where this one stopped.
+    pub fn frames(&mut self, observer: &mut impl Observer) -> Result<Option<&[Frame]>, Error> {
+        let decoder = self.model.decoder();
+        let codebooks = self.model.codebooks();
+        if !self.decoder.waiting() {
+            self.chunk = self.memory.queued.min(CHUNK);
+            let first = self.memory.known.saturating_sub(self.memory.queued);
+            let rows = self.decoder.begin(decoder, self.chunk);
+            codebooks.embed(self.memory.get(first, self.chunk), rows)?;
+            if self.chunk == 0 {
+                if !self.finished {
+                    return Ok(None);
+                }
+                self.decoder.end();
+                if self.decoder.ended() {
+                    return Ok(None);
+                }
+            }
+        }
+        let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
+        let all = channels(u32::MAX);
+        let flow = self.decoder.advance(decoder, &all, &mut || watch.ask_at_the_end());
+        let ControlFlow::Continue(values) = flow else { return Err(Error::Aborted) };
+        let frames = values.len() / all.count().max(1);
+        self.memory.queued = self.memory.queued.saturating_sub(self.chunk);
+        self.held = (self.held + self.chunk * self.model.frames_per_token()).saturating_sub(frames);
+
+        let (mean, std) = (self.model.mean(), self.model.std());
+        Features { values, channels: &all, mean, std }.integrate_from(&mut self.root, &mut self.path);
+        let joints = humanml3d::joints(values, &self.path, mean, std);
+        Ok(Some(bytemuck::try_cast_slice(joints).unwrap_or(&[])))
+    }
+}

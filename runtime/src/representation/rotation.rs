@@ -1,0 +1,119 @@
+//! Vectors `[x, y, z]` and unit quaternions, active rotation of column vectors.
+
+use core::ops::Mul;
+
+/// Metres or a direction.
+pub type Vector = [f32; 3];
+
+pub(crate) fn subtract(a: Vector, b: Vector) -> Vector {
+    let ([ax, ay, az], [bx, by, bz]) = (a, b);
+    [ax - bx, ay - by, az - bz]
+}
+
+pub(crate) fn add(a: Vector, b: Vector) -> Vector {
+    let ([ax, ay, az], [bx, by, bz]) = (a, b);
+    [ax + bx, ay + by, az + bz]
+}
+
+pub(crate) fn scale(a: Vector, by: f32) -> Vector {
+    a.map(|a| a * by)
+}
+
+pub(crate) fn dot(a: Vector, b: Vector) -> f32 {
+    let ([ax, ay, az], [bx, by, bz]) = (a, b);
+    ax * bx + ay * by + az * bz
+}
+
+pub(crate) fn cross(a: Vector, b: Vector) -> Vector {
+    let ([ax, ay, az], [bx, by, bz]) = (a, b);
+    [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
+}
+
+/// The vector with length 1, or `otherwise` when it has none.
+#[inline(never)]
+pub(crate) fn unit(a: Vector, otherwise: Vector) -> Vector {
+    let length = libm::sqrtf(dot(a, a));
+    if length > 1e-6 { scale(a, 1.0 / length) } else { otherwise }
+}
+
+/// A unit quaternion `w + x i + y j + z k`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rotation {
+    w: f32,
+    v: Vector,
+}
+
+impl Rotation {
+    /// The rotation that changes nothing.
+    pub const IDENTITY: Rotation = Rotation { w: 1.0, v: [0.0; 3] };
+
+    /// By the angle whose half has this sine and cosine, about a unit axis.
+    fn about(axis: Vector, (sin, cos): (f32, f32)) -> Self {
+        Rotation { w: cos, v: scale(axis, sin) }
+    }
+
+    /// By `angle` radians, at most a turn, about a unit axis.
+    #[must_use]
+    #[inline(never)]
+    pub fn new(axis: Vector, angle: f32) -> Self {
+        Self::about(axis, crate::numerics::angle::sin_cos(0.5 * angle))
+    }
+
+    /// The inverse.
+    #[must_use]
+    pub fn inverse(self) -> Self {
+        Rotation { w: self.w, v: scale(self.v, -1.0) }
+    }
+
+    /// `v` rotated.
+    #[must_use]
+    #[inline(never)]
+    pub fn apply(self, v: Vector) -> Vector {
+        let t = scale(cross(self.v, v), 2.0);
+        add(add(v, scale(t, self.w)), cross(self.v, t))
+    }
+
+    /// The shortest rotation that takes unit vector `from` to unit vector `to`; half a turn about any axis across when they
+    /// are opposite.
+    #[must_use]
+    #[inline(never)]
+    pub fn between(from: Vector, to: Vector) -> Self {
+        let w = 1.0 + dot(from, to);
+        if w < 1e-6 {
+            let [x, ..] = from;
+            let across = if x.abs() < 0.5 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+            return Self::about(unit(cross(from, across), [0.0, 0.0, 1.0]), (1.0, 0.0));
+        }
+        Rotation { w, v: cross(from, to) }.normalised()
+    }
+
+    /// The rotation that takes the unit vectors `from = (along, aside)`, perpendicular to each other, to the direction of
+    /// `along` and, as nearly as it can then be, to that of `aside`.
+    #[must_use]
+    #[inline(never)]
+    pub fn aligning(from: (Vector, Vector), along: Vector, aside: Vector) -> Self {
+        let first = Self::between(from.0, along);
+        let turned = first.apply(from.1);
+        let across = subtract(aside, scale(along, dot(along, aside)));
+        let angle = libm::atan2f(dot(along, cross(turned, across)), dot(turned, across));
+        Self::new(along, angle) * first
+    }
+
+    /// The same rotation with its rounding errors taken out.
+    fn normalised(self) -> Self {
+        let Rotation { w, v } = self;
+        let length = libm::sqrtf(w * w + dot(v, v));
+        if length > 0.0 { Rotation { w: w / length, v: scale(v, 1.0 / length) } } else { Self::IDENTITY }
+    }
+}
+
+impl Mul for Rotation {
+    type Output = Rotation;
+
+    /// `self` after `first`.
+    #[inline(never)]
+    fn mul(self, first: Rotation) -> Rotation {
+        let v = add(add(scale(first.v, self.w), scale(self.v, first.w)), cross(self.v, first.v));
+        Rotation { w: self.w * first.w - dot(self.v, first.v), v }.normalised()
+    }
+}

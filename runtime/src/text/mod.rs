@@ -1,0 +1,104 @@
+//! Text: prompts in words, and what they say.
+//!
+//! This layer knows words. It does not know decoders, planners or the solver.
+
+pub mod bank;
+pub mod encoder;
+pub mod words;
+
+use crate::blob::{Error, MAX_VOCABULARY, Tensors, TextConfig, TextTable};
+use crate::nn::block::below;
+use crate::nn::linear::Linear;
+use crate::nn::norm::MAX_INPUT;
+use bank::Bank;
+use encoder::TextEncoder;
+
+/// Everything a blob knows of text.
+#[derive(Debug, Clone, Copy)]
+pub struct Text<'a> {
+    width: usize,
+    max_words: usize,
+    encoder: Option<TextEncoder<'a>>,
+    length: Linear<'a>,
+    bank: Bank<'a>,
+}
+
+impl<'a> Text<'a> {
+    /// Reads encoder, length head and stored prompts from the next tensors.
+    ///
+    /// # Errors
+    /// Any [`Error`] of a tensor or configuration value.
+    pub fn open(tensors: &mut Tensors<'a>, config: &TextConfig<'a>, max_tokens: u16) -> Result<Self, Error> {
+        let encoder = match &config.encoder {
+            None => None,
+            Some(encoder) => {
+                let TextTable::Words(words) = encoder.table;
+                let vocabulary = words::Vocabulary::new(words);
+                let found = u32::try_from(vocabulary.len()).unwrap_or(u32::MAX);
+                let limit = MAX_VOCABULARY as u32;
+                let mut entries = vocabulary.entries();
+                let first = [b"<none>".as_slice(), b"<unknown>"];
+                if !first.into_iter().all(|word| entries.next() == Some(word)) {
+                    let what = "text.encoder.table without <none> and <unknown>";
+                    return Err(Error::Config { what, found, limit });
+                }
+                if found > limit {
+                    return Err(Error::Config { what: "text.encoder.table", found, limit });
+                }
+                if encoder.transformer.width != config.width {
+                    let (found, limit) = (u32::from(encoder.transformer.width), u32::from(config.width));
+                    return Err(Error::Config { what: "text.encoder.width", found, limit });
+                }
+                Some(TextEncoder::open(tensors, encoder, config.max_words)?)
+            }
+        };
+        let index = tensors.index();
+        let length = Linear::open(tensors, config.width, max_tokens)?;
+        let bank = Bank::open(tensors, config.bank.names(), config.width, config.max_words)?;
+        // Guidance needs the prompt that says nothing, from one of the two.
+        if encoder.is_none() && bank.get(bank::NONE).is_none() {
+            return Err(Error::Config { what: "text.bank without <none>", found: bank.len() as u32, limit: 0 });
+        }
+        let text =
+            Text { width: usize::from(config.width), max_words: usize::from(config.max_words), encoder, length, bank };
+        below(text.length.bound(text.bound()), MAX_INPUT, index)?;
+        Ok(text)
+    }
+
+    /// Width of a memory row and of the pooled vector, `dt`.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Longest prompt, words.
+    #[must_use]
+    pub const fn max_words(&self) -> usize {
+        self.max_words
+    }
+
+    /// The encoder, if the blob has one.
+    #[must_use]
+    pub const fn encoder(&self) -> Option<&TextEncoder<'a>> {
+        self.encoder.as_ref()
+    }
+
+    /// The stored prompts.
+    #[must_use]
+    pub const fn bank(&self) -> &Bank<'a> {
+        &self.bank
+    }
+
+    /// The length head: pooled vector to logits of lengths 1 to the longest, tokens.
+    #[must_use]
+    pub const fn length(&self) -> &Linear<'a> {
+        &self.length
+    }
+
+    /// A bound of memory and pooled vectors.
+    #[must_use]
+    pub fn bound(&self) -> f32 {
+        let encoder = self.encoder.as_ref().map_or(0.0, TextEncoder::bound);
+        if encoder > bank::MAX_VALUE || self.bank.is_empty() { encoder } else { bank::MAX_VALUE }
+    }
+}
