@@ -201,8 +201,8 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
         after: report.map_or(0, |r| bits(r.after)),
         arena_used: motion.arena_used,
         tokens: motion.tokens().iter().fold(Fnv::default(), |hash, token| hash.bytes(&token.to_le_bytes())).value(),
-        u: Fnv::default().singles(motion.u()).value(),
-        joints: Fnv::default().singles(motion.joints()).value(),
+        u: Fnv::default().f32s(motion.u()).value(),
+        joints: Fnv::default().f32s(motion.joints()).value(),
     })
 }
 

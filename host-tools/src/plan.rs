@@ -2,7 +2,7 @@
 
 use motionette::blob::{DType, HEADER_LEN};
 use motionette::generation::tokens as planning;
-use motionette::playback::line::line_bytes;
+use motionette::playback::queue::queue_bytes;
 use motionette::playback::robot::MAX_CHANNELS;
 use motionette::playback::{Feeder, Player, Robot};
 use motionette::refining::Config;
@@ -84,8 +84,8 @@ pub struct Playback {
     pub channels: usize,
     /// Frames of the longest motion; the line's `N` is three more.
     pub frames: usize,
-    /// Bytes of `Line<C, N>`, which holds a whole motion.
-    pub line_bytes: usize,
+    /// Bytes of `MotionQueue<C, N>`, which holds a whole motion.
+    pub queue_bytes: usize,
     /// Bytes of `Feeder<C>`.
     pub feeder_bytes: usize,
     /// Bytes of `Player<C>`.
@@ -97,8 +97,8 @@ pub struct Playback {
 pub fn playback(robot: &Robot, frames: usize) -> Playback {
     let channels = robot.channels.len();
     let [feeder_bytes, player_bytes] = ends_bytes(channels);
-    let line_bytes = line_bytes(channels, frames);
-    Playback { robot: robot.name.to_string(), channels, frames, line_bytes, feeder_bytes, player_bytes }
+    let queue_bytes = queue_bytes(channels, frames);
+    Playback { robot: robot.name.to_string(), channels, frames, queue_bytes, feeder_bytes, player_bytes }
 }
 
 /// Sizes of the ends of a line of so many channels, at most [`MAX_CHANNELS`].

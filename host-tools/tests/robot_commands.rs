@@ -6,7 +6,7 @@ use common::Random;
 use common::bench::{Bench, report};
 use common::motions::{random_motion, standing};
 use motionette::JOINTS;
-use motionette::playback::line::line_bytes;
+use motionette::playback::queue::queue_bytes;
 use motionette::playback::{Mapper, Robot, reach};
 use motionette_host::export::{bvh, glb, servo};
 use motionette_host::import::{self, bvh::Reading};
@@ -396,7 +396,7 @@ fn the_program_shows_checks_packs_and_tries_robots() {
     assert!(channels.len() == 8 && channels.iter().all(|c| c["used"][0].as_f64() >= c["range"][0].as_f64()));
     let plan = bench.succeeds("plan p.blob --tokens 10 --robot desk");
     let frames = plan["frames"].as_u64().expect("frames") as usize;
-    assert_eq!(plan["playback"]["line_bytes"], line_bytes(8, frames));
+    assert_eq!(plan["playback"]["queue_bytes"], queue_bytes(8, frames));
     let player = size_of::<motionette::playback::Player<'_, 8>>();
     assert_eq!(plan["playback"]["player_bytes"], player);
     let output = bench.run(&["plan", "p.blob"]);

@@ -27,7 +27,7 @@ impl Table {
         self.count += 1;
     }
 
-    fn singles(&mut self, values: &[f32]) {
+    fn f32s(&mut self, values: &[f32]) {
         let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         self.push(DType::F32, [1, 1, values.len() as u16], bytes);
     }
@@ -59,7 +59,7 @@ impl Random {
         2.0 * self.0.unit() - 1.0
     }
 
-    fn singles(&mut self, count: usize) -> Vec<f32> {
+    fn f32s(&mut self, count: usize) -> Vec<f32> {
         (0..count).map(|_| self.signed()).collect()
     }
 
@@ -85,7 +85,7 @@ fn linear_is_a_matrix_product_with_a_bias() {
 
 fn linear(rows: usize, inputs: usize, outputs: usize, dtype: DType) {
     let mut random = Random(Stream::new((rows * inputs) as u64));
-    let (mut weights, x) = (random.int8(inputs * outputs), random.singles(rows * inputs));
+    let (mut weights, x) = (random.int8(inputs * outputs), random.f32s(rows * inputs));
     let (levels, shape) = (if dtype == DType::I4 { 7.0 } else { 127.0 }, [1, outputs as u16, inputs as u16]);
     let mut table = Table::default();
     if dtype == DType::I4 {
@@ -95,9 +95,9 @@ fn linear(rows: usize, inputs: usize, outputs: usize, dtype: DType) {
         table.bytes(shape, &weights);
     }
     let scales: Vec<f32> = (0..outputs).map(|_| (0.5 + random.0.unit()) / levels).collect();
-    let biases = random.singles(outputs);
-    table.singles(&scales);
-    table.singles(&biases);
+    let biases = random.f32s(outputs);
+    table.f32s(&scales);
+    table.f32s(&biases);
     let want = |from: usize, to: usize| {
         let mut y = Vec::new();
         for r in 0..rows {
@@ -141,8 +141,8 @@ fn malformed_four_bit_weights_are_refused() {
         bytes[17] = 0xF1;
         let mut table = Table::default();
         table.push(DType::I4, shape, bytes);
-        table.singles(&[0.5; 3]);
-        table.singles(&[0.0; 3]);
+        table.f32s(&[0.5; 3]);
+        table.f32s(&[0.0; 3]);
         table
     };
     let open = |table: &Table, inputs| table.read(|tensors| Linear::open(tensors, inputs, 3).map(|l| l.bound(1.0)));
@@ -167,7 +167,7 @@ fn embedding_rows_are_added() {
     let scales = [0.01f32, 0.5, 1e-3, 0.2, 0.03];
     let mut table = Table::default();
     table.bytes([1, 5, 3], &weights);
-    table.singles(&scales);
+    table.f32s(&scales);
     table.read(|tensors| {
         let embedding = Embedding::open(tensors, 5, 3).unwrap();
         assert_eq!(embedding.rows(), 5);
@@ -191,11 +191,11 @@ fn embedding_rows_are_added() {
 #[test]
 fn norm_follows_its_formula() {
     let mut random = Random(Stream::new(3));
-    let (weight, bias, x) = (random.singles(37), random.singles(37), random.singles(5 * 37));
+    let (weight, bias, x) = (random.f32s(37), random.f32s(37), random.f32s(5 * 37));
     let x: Vec<f32> = x.iter().enumerate().map(|(i, v)| 10f32.powi(i as i32 / 37 - 2) * (v + 0.5)).collect();
     let mut table = Table::default();
-    table.singles(&weight);
-    table.singles(&bias);
+    table.f32s(&weight);
+    table.f32s(&bias);
     let epsilon = 1e-5;
     let want: Vec<f64> = x
         .chunks(37)
@@ -283,7 +283,7 @@ impl Stored {
             value_scales: &mut s.value_scales,
         };
         for row in 0..rows {
-            let (key, value) = (random.singles(width), random.singles(width));
+            let (key, value) = (random.f32s(width), random.f32s(width));
             let key: Vec<f32> = key.iter().map(|k| 3.0 * k).collect();
             segment.put_key(heads, row, &key);
             segment.put_value(heads, row, &value);
@@ -350,7 +350,7 @@ fn attention_averages_values_by_softmax_over_all_segments() {
         let width = heads.count * heads.width;
         let first = Stored::new(heads, own, &mut random);
         let second = Stored::new(heads, extra, &mut random);
-        let q = random.singles(rows * width);
+        let q = random.f32s(rows * width);
         let keys = own + extra;
         let (mut hq, mut scales) = (vec![0; MOST_ROWS * heads.width], vec![0.0; MOST_ROWS]);
         // Larger buffers than needed must not matter.

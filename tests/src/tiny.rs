@@ -267,7 +267,7 @@ impl Writer {
         self.weights.extend(bytes);
     }
 
-    fn singles(&mut self, name: &str, values: &[f32]) {
+    fn f32s(&mut self, name: &str, values: &[f32]) {
         self.tensor(name, DType::F32, [1, 1, values.len() as u16], values.iter().flat_map(|v| v.to_le_bytes()));
     }
 
@@ -310,8 +310,8 @@ impl Writer {
         } else if wide < outputs {
             self.tensor(name, DType::I8, [taps, outputs - wide, inputs], narrow.iter().map(|&v| v as u8));
         }
-        self.singles("s", &scales);
-        self.singles("b", &biases);
+        self.f32s("s", &scales);
+        self.f32s("b", &biases);
 
         let (rows, wide_rows, columns) = (usize::from(outputs), usize::from(wide), usize::from(inputs));
         let mut weights = vec![0.0; usize::from(taps) * rows * columns];
@@ -349,7 +349,7 @@ impl Writer {
         let values: Vec<i8> = (0..count).map(|_| self.int8()).collect();
         let scales: Vec<f32> = (0..rows).map(|_| (0.5 + self.random.unit()) / 127.0).collect();
         self.tensor(name, DType::I8, [1, rows, width], values.iter().map(|&v| v as u8));
-        self.singles("s", &scales);
+        self.f32s("s", &scales);
         let rows = values.chunks(columns).zip(&scales);
         rows.map(|(row, s)| row.iter().map(|&v| f64::from(v) * f64::from(*s)).collect()).collect()
     }
@@ -357,8 +357,8 @@ impl Writer {
     fn norm(&mut self, name: &str, width: u16) -> NormWeights {
         let weight: Vec<f32> = (0..width).map(|_| 1.0 + 0.3 * self.signed()).collect();
         let bias: Vec<f32> = (0..width).map(|_| 0.2 * self.signed()).collect();
-        self.singles(name, &weight);
-        self.singles("b", &bias);
+        self.f32s(name, &weight);
+        self.f32s("b", &bias);
         let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect();
         (wide(&weight), wide(&bias))
     }
@@ -427,8 +427,8 @@ impl Writer {
         // Metres: what anchors say varies by decimetres.
         let mean: Vec<f32> = (0..66).map(|_| 0.5 * self.signed()).collect();
         let std: Vec<f32> = (0..66).map(|_| 0.2 + 0.5 * self.random.unit()).collect();
-        self.singles("control.mean", &mean);
-        self.singles("control.std", &std);
+        self.f32s("control.mean", &mean);
+        self.f32s("control.std", &std);
         let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect();
         Control {
             mean: wide(&mean),
@@ -459,8 +459,8 @@ impl Tiny {
         let std: Vec<f32> =
             (0..FEATURES).map(|c| if c < 4 { 0.02 } else { 0.1 + 0.2 * writer.random.unit() }).collect();
         let mean: Vec<f32> = (0..FEATURES).map(|c| if c < 3 { 0.01 } else { 0.5 * writer.signed() }).collect();
-        writer.singles("mean", &mean);
-        writer.singles("std", &std);
+        writer.f32s("mean", &mean);
+        writer.f32s("std", &std);
         let mut codes = Vec::new();
         for quantizer in 0..shape.quantizers {
             let book: Vec<u16> = (0..usize::from(shape.codes) * usize::from(shape.code_width))

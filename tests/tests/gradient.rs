@@ -1,7 +1,7 @@
 //! Input gradients of the runtime's decoder and recovery against central differences of the f64 oracle.
 
 use motionette::Model;
-use motionette::codec::vq::decoder::Portion;
+use motionette::codec::vq::decoder::ChunkShape;
 use motionette::numerics::hash::Stream;
 use motionette::memory::Arena;
 use motionette::representation::humanml3d::{Features, Path, channels};
@@ -79,7 +79,7 @@ fn oracle_gradient(tiny: &Tiny, u: &[f32], terms: &[Term], stride: usize) -> Vec
 #[test]
 fn gradients_agree_with_central_differences_for_every_shape() {
     let base = Shape::default();
-    let chunk = Portion::new(usize::MAX, ROWS).tokens;
+    let chunk = ChunkShape::new(usize::MAX, ROWS).tokens;
     let shapes = [
         base.clone(),
         Shape { width: 33, code_width: 7, dilations: vec![9, 3, 1], ..base.clone() },

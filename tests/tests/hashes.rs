@@ -81,7 +81,7 @@ fn twins(model: &Model<'_>, hashes: &mut Hashes) {
 /// Hash over all frames that come now.
 fn drain(stream: &mut MotionStream<'_, '_>, mut hash: Fnv) -> Fnv {
     while let Some(frames) = stream.frames(&mut ()).expect("nobody interrupts") {
-        hash = hash.singles(frames.as_flattened().as_flattened());
+        hash = hash.f32s(frames.as_flattened().as_flattened());
     }
     hash
 }

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use motionette::codec::vq::decoder::Portion;
+use motionette::codec::vq::decoder::ChunkShape;
 use motionette::numerics::hash::Stream;
 use motionette::kernels::count;
 use motionette::representation::humanml3d::POSITION_CHANNELS;
@@ -300,7 +300,7 @@ fn plans_bound_bytes_and_multiply_accumulates() {
             count::reset();
             generator.generate(&Request::tokens(&tokens), &mut ()).expect(name);
             let products = decoding(&tiny.shape, length);
-            let follow = (length + model.decoder().radius_tokens()).div_ceil(Portion::new(length, ROWS).tokens) - 1;
+            let follow = (length + model.decoder().radius_tokens()).div_ceil(ChunkShape::new(length, ROWS).tokens) - 1;
             let again = u64::from(tiny.shape.stages) * u64::from(tiny.shape.width).pow(2);
             let bounds = products..=products + follow as u64 * again;
             assert!(bounds.contains(&count::total()), "{name}: {length} tokens, {} in {bounds:?}", count::total());
@@ -341,7 +341,7 @@ fn layers_take_no_more_for_longer_motions() {
         )
         .expect("the limits are legal")
     };
-    let chunk = Portion::new(usize::MAX, ROWS).tokens;
+    let chunk = ChunkShape::new(usize::MAX, ROWS).tokens;
     let (short, long) = (plan(chunk), plan(nano.max_tokens()));
     assert_eq!(short.decoder_bytes, long.decoder_bytes);
     assert!(plan(chunk / 2).decoder_bytes < short.decoder_bytes);

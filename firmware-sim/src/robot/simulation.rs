@@ -9,7 +9,7 @@ use std::iter::Peekable;
 use std::rc::Rc;
 
 use motionette::playback::output::{Held, Lost, Output, Pca9685, Pwm, Runner, Sts3215, Time};
-use motionette::playback::{Channel, Ends, Line, Player, Robot, Start, State, When};
+use motionette::playback::{Channel, Handles, MotionQueue, Player, Robot, Start, State, When};
 use serde::Serialize;
 
 use super::clock::Clock;
@@ -303,8 +303,8 @@ impl<'a> Bench<'a> {
 
     /// The firmware lives until the run ends, or until it is reset: then there is another life.
     fn live(&mut self, robot: &Robot) -> bool {
-        let mut line = Box::new(Line::<CHANNELS, FRAMES>::new());
-        let Ends { mut feeder, player, control } = line.split(robot).expect("a robot has at most 32 channels");
+        let mut line = Box::new(MotionQueue::<CHANNELS, FRAMES>::new());
+        let Handles { mut feeder, player, control } = line.split(robot).expect("a robot has at most 32 channels");
         let mut runner = Runner::new(player, wiring(&self.hardware, &self.injector, &self.clock));
         let period = 1_000_000 / u64::from(robot.tick_rate);
         let budget = (BUDGET * period as f64) as u32;

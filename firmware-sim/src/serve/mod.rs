@@ -17,7 +17,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use motionette::Model;
 use motionette::playback::output::Runner;
-use motionette::playback::{Ends, Feeder, Line, Player, Robot};
+use motionette::playback::{Handles, Feeder, MotionQueue, Player, Robot};
 use motionette_host::blob::AlignedBlob;
 use motionette_host::robot_file;
 use motionette_link::message::LossAction;
@@ -148,9 +148,9 @@ fn say(text: &str) {
 fn serve(robot: Robot, preset: Preset, flash: Flash, listener: TcpListener, released: bool) -> Result<()> {
     // They live as long as the process, as in firmware.
     let robot: &'static Robot = Box::leak(Box::new(robot));
-    let line: &'static mut Line<CHANNELS, FRAMES> = Box::leak(Box::default());
+    let line: &'static mut MotionQueue<CHANNELS, FRAMES> = Box::leak(Box::default());
     let flags: &'static SharedFlags = Box::leak(Box::default());
-    let Ends { mut feeder, player, control } = line.split(robot)?;
+    let Handles { mut feeder, player, control } = line.split(robot)?;
     if released {
         control.release();
     }

@@ -304,9 +304,9 @@ fn layer(
 fn entry(tensor: &Tensor<'_>) -> Result<TableEntry, blob::Error> {
     let e = tensor.entry;
     let values: Vec<f64> = match e.dtype {
-        DType::F32 => tensor.singles(e.shape[2])?.iter().map(|&v| f64::from(v)).collect(),
+        DType::F32 => tensor.f32s(e.shape[2])?.iter().map(|&v| f64::from(v)).collect(),
         DType::F16 => {
-            let bits = tensor.halves(e.shape[1], e.shape[2])?;
+            let bits = tensor.f16s(e.shape[1], e.shape[2])?;
             bits.iter().map(|&b| half::f16::from_bits(b).to_f64()).collect()
         }
         DType::I8 => tensor.bytes(e.shape)?.iter().map(|&v| f64::from(v)).collect(),

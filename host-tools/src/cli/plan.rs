@@ -115,7 +115,7 @@ impl Cmd {
         ));
         let playback = robot.map(|robot| plan::playback(&robot, report.frames));
         if let Some(p) = &playback {
-            let parts = [("line", p.line_bytes), ("feeder", p.feeder_bytes), ("player", p.player_bytes)];
+            let parts = [("line", p.queue_bytes), ("feeder", p.feeder_bytes), ("player", p.player_bytes)];
             let shares = parts.map(|(name, amount)| Share { name: name.to_owned(), amount: amount as u64 });
             let title = format!("playback on {}, {} servos, {} frames", p.robot, p.channels, p.frames);
             table(&title, "bytes", &shares, shares.iter().map(|share| share.amount).sum());

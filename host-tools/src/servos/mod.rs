@@ -6,9 +6,9 @@
 mod fit;
 
 use motionette::Anchor;
-use motionette::playback::line::TooManyChannels;
+use motionette::playback::queue::TooManyChannels;
 use motionette::playback::robot::MAX_CHANNELS;
-use motionette::playback::{Ends, Full, Line, Rest, Robot, State, reach};
+use motionette::playback::{Handles, Full, MotionQueue, Rest, Robot, State, reach};
 
 use crate::metrics;
 use crate::motion::Pose;
@@ -60,8 +60,8 @@ impl Timeline {
             return Err(Error::NoFrames);
         }
         // Room for all that a tick may take: 65535 frames a second at 20 ticks.
-        let mut line = Box::new(Line::<MAX_CHANNELS, 4096>::new());
-        let Ends { mut feeder, mut player, .. } = line.split(robot)?;
+        let mut line = Box::new(MotionQueue::<MAX_CHANNELS, 4096>::new());
+        let Handles { mut feeder, mut player, .. } = line.split(robot)?;
         let names = robot.channels.iter().map(|channel| channel.name.to_string()).collect();
         let (tick_rate, mut angles, mut commands) = (robot.tick_rate, Vec::new(), Vec::new());
         let mut frames = frames.iter();

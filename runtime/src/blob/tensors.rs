@@ -131,7 +131,7 @@ impl<'a> Tensor<'a> {
     ///
     /// # Errors
     /// [`Error::TensorShape`] or [`Error::TensorValue`].
-    pub fn singles(&self, length: u16) -> Result<&'a [f32], Error> {
+    pub fn f32s(&self, length: u16) -> Result<&'a [f32], Error> {
         self.shaped(DType::F32, [1, 1, length])?;
         let values = self.cast::<f32>()?;
         self.refuse(values, |v| !v.is_finite())?;
@@ -143,7 +143,7 @@ impl<'a> Tensor<'a> {
     /// # Errors
     /// [`Error::TensorShape`] or [`Error::TensorValue`].
     pub fn scales(&self, length: u16) -> Result<&'a [f32], Error> {
-        let values = self.singles(length)?;
+        let values = self.f32s(length)?;
         self.refuse(values, |v| !(v.is_normal() && v > 0.0))?;
         Ok(values)
     }
@@ -152,7 +152,7 @@ impl<'a> Tensor<'a> {
     ///
     /// # Errors
     /// [`Error::TensorShape`] or [`Error::TensorValue`].
-    pub fn halves(&self, rows: u16, columns: u16) -> Result<&'a [u16], Error> {
+    pub fn f16s(&self, rows: u16, columns: u16) -> Result<&'a [u16], Error> {
         self.shaped(DType::F16, [1, rows, columns])?;
         let values = self.cast::<u16>()?;
         self.refuse(values, |v| !half::f16::from_bits(v).is_finite())?;

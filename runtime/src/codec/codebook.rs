@@ -40,7 +40,7 @@ impl<'a> Codebooks<'a> {
         let mut books: [&[u16]; MAX_QUANTIZERS] = [&[]; MAX_QUANTIZERS];
         let mut largest = 0.0;
         for book in books.iter_mut().take(usize::from(config.quantizers)) {
-            *book = tensors.take()?.halves(config.codes, config.code_width)?;
+            *book = tensors.take()?.f16s(config.codes, config.code_width)?;
             let magnitude = book.iter().fold(0.0, |largest, v| larger(largest, f16::from_bits(*v).to_f32().abs()));
             largest += magnitude;
         }

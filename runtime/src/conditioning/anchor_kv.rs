@@ -123,7 +123,7 @@ impl<'a> Control<'a> {
 
     /// Rows of the planner that are told something, of a motion of `tokens` tokens.
     #[must_use]
-    pub const fn shares(&self, tokens: usize) -> usize {
+    pub const fn biased_rows(&self, tokens: usize) -> usize {
         if self.config.context { 1 + tokens } else { 0 }
     }
 
@@ -190,8 +190,8 @@ impl<'a> Control<'a> {
         }
         if let Some(Context { enter, leave, local }) = &context {
             let width = usize::from(self.width).max(1);
-            invariant!(condition.shares.len() >= width + h.len() / inner * width);
-            let (global, locals) = condition.shares.split_at_mut_checked(width).unwrap_or_default();
+            invariant!(condition.row_bias.len() >= width + h.len() / inner * width);
+            let (global, locals) = condition.row_bias.split_at_mut_checked(width).unwrap_or_default();
             let hidden = work.get_mut(..inner).unwrap_or_default();
             scratch.linear(enter, mean, hidden);
             activation::apply(Activation::Gelu, hidden);

@@ -42,7 +42,7 @@ impl<'a> Statistics<'a> {
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
     pub fn open(tensors: &mut Tensors<'a>) -> Result<Self, Error> {
         let length = VALUES as u16;
-        Ok(Statistics { mean: tensors.take()?.singles(length)?, std: tensors.take()?.scales(length)? })
+        Ok(Statistics { mean: tensors.take()?.f32s(length)?, std: tensors.take()?.scales(length)? })
     }
 }
 

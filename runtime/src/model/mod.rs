@@ -73,7 +73,7 @@ impl<'a> Model<'a> {
 
         let mut tensors = Tensors::new(table, weights, manifest.tensor_count).of_minor(header.minor);
         let tensor = tensors.take()?;
-        let mean = tensor.singles(config.features)?;
+        let mean = tensor.f32s(config.features)?;
         refuse_beyond(mean, MAX_STATISTIC, tensor.index)?;
         let tensor = tensors.take()?;
         let std = tensor.scales(config.features)?;

@@ -93,7 +93,7 @@ impl<'a> Conv1d<'a> {
         let Shape { taps, dilation, inputs, outputs } = shape;
         let weights = tensors.take()?.bytes([taps, outputs, inputs])?;
         let scales = tensors.take()?.scales(outputs)?;
-        let biases = tensors.take()?.singles(outputs)?;
+        let biases = tensors.take()?.f32s(outputs)?;
         Ok(Conv1d {
             taps: usize::from(taps),
             dilation: usize::from(dilation),

@@ -50,7 +50,7 @@ impl<'a> Linear<'a> {
             stride: usize::from(if packed { inputs / 2 } else { inputs }),
             weights: if packed { tensor.nibbles(shape)? } else { bytemuck::cast_slice(tensor.bytes(shape)?) },
             scales: tensors.take()?.scales(outputs)?,
-            biases: tensors.take()?.singles(outputs)?,
+            biases: tensors.take()?.f32s(outputs)?,
         })
     }
 

@@ -25,7 +25,7 @@ impl<'a> LayerNorm<'a> {
     /// Any [`Error`] of a tensor that is missing, of another shape, or not finite.
     #[inline(never)]
     pub fn open(tensors: &mut Tensors<'a>, width: u16, epsilon: f32) -> Result<Self, Error> {
-        Ok(LayerNorm { weight: tensors.take()?.singles(width)?, bias: tensors.take()?.singles(width)?, epsilon })
+        Ok(LayerNorm { weight: tensors.take()?.f32s(width)?, bias: tensors.take()?.f32s(width)?, epsilon })
     }
 
     /// A bound of `|y|` for any input: `sqrt(d) max |weight| + max |bias|`.

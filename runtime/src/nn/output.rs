@@ -138,7 +138,7 @@ impl<'a> Output<'a> {
         let weights: &[i8] =
             if wide == outputs { &[] } else { tensors.take()?.bytes([taps, outputs - wide, inputs])? };
         let scales = tensors.take()?.scales(outputs)?;
-        let biases = tensors.take()?.singles(outputs)?;
+        let biases = tensors.take()?.f32s(outputs)?;
         Ok(Output {
             taps: usize::from(taps),
             inputs: usize::from(inputs),

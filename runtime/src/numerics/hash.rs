@@ -23,7 +23,7 @@ impl Fnv {
     /// Adds the bits of singles.
     #[must_use]
     #[inline(never)]
-    pub fn singles(self, values: &[f32]) -> Self {
+    pub fn f32s(self, values: &[f32]) -> Self {
         values.iter().fold(self, |hash, v| hash.bytes(&v.to_bits().to_le_bytes()))
     }
 
@@ -37,7 +37,7 @@ impl Fnv {
 /// Hash over every bit of a motion: its embeddings `u [L][du]`, then its joints `[T][22][3]`.
 #[must_use]
 pub fn motion(u: &[f32], joints: &[f32]) -> u64 {
-    Fnv::default().singles(u).singles(joints).value()
+    Fnv::default().f32s(u).f32s(joints).value()
 }
 
 /// Seeded generator: PCG-XSH-RR 64/32 (O'Neill 2014) with increment 1442695040888963407; the state begins at

@@ -28,7 +28,7 @@ use crate::pipeline::plan::{Limits, Plan, ROWS, StreamLimits};
 use crate::refining::{self, Objective, SolverError};
 use crate::representation::humanml3d::{self, Features, Path, channels};
 use crate::request::conditions::AnchorSet;
-use crate::request::prompt::Heard;
+use crate::request::prompt::PromptStats;
 use buffers::{Decoding, rotation_columns};
 use decode_map::DecoderMap;
 use environment::floating_point_is_default;
@@ -42,7 +42,7 @@ pub struct Motion<'a> {
     joints: &'a [f32],
     u: &'a [f32],
     tokens: &'a [u16],
-    heard: Heard,
+    heard: PromptStats,
     unconditioned: u16,
     frame_rate: u16,
     rotations: Rotations<'a>,
@@ -248,7 +248,7 @@ impl<'a> Generator<'a> {
         let tokens = buffers::tokens(model, &limits, &mut arena).map_err(too_small)?;
         let mut peak = 0;
         let mut unconditioned = anchors.len() as u16;
-        let mut made = Planned { tokens: limits.tokens, heard: Heard::default() };
+        let mut made = Planned { tokens: limits.tokens, heard: PromptStats::default() };
         if let (Source::Text(prompt), Some(planning), Some(modules)) =
             (request.source, &limits.planning, model.planning())
         {
@@ -356,13 +356,13 @@ impl<'a> Generator<'a> {
         let u = Arena::new(self.arena).take(self.model.decoder().code_width()).map_err(Error::Arena)?;
         for position in tokens.chunks_exact(self.model.codebooks().quantizers().max(1)) {
             self.model.codebooks().embed(position, u)?;
-            hash = hash.singles(u);
+            hash = hash.f32s(u);
         }
         let mut motion = self.stream(&StreamLimits { tokens: usize::from(test.tokens), planning: None, rows: ROWS })?;
         motion.push(tokens)?;
         motion.finish();
         while let Some(frames) = motion.frames(&mut ())? {
-            hash = hash.singles(frames.as_flattened().as_flattened());
+            hash = hash.f32s(frames.as_flattened().as_flattened());
         }
         Ok(Some(hash.value() == test.hash))
     }

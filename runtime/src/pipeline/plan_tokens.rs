@@ -7,7 +7,7 @@ use crate::generation::tokens::{Length, Limits, Planning, Session};
 use crate::memory::Arena;
 use crate::numerics::hash::Stream;
 use crate::request::conditions::AnchorSet;
-use crate::request::prompt::{Heard, Prompt};
+use crate::request::prompt::{Prompt, PromptStats};
 use crate::stop::Stop;
 use core::ops::ControlFlow;
 
@@ -17,7 +17,7 @@ pub(super) struct Planned {
     /// Tokens of the motion.
     pub tokens: usize,
     /// What was understood of the prompt.
-    pub heard: Heard,
+    pub heard: PromptStats,
 }
 
 /// Asks the observer, and puts [`Stop::Finish`] off until there are proposals to finish with.

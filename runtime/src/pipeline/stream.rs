@@ -13,7 +13,7 @@ use crate::memory::{Arena, ArenaTooSmall, bytes_of};
 use crate::model::{MAX_TOKENS, Model};
 use crate::pipeline::plan::{StreamLimits, StreamPlan};
 use crate::representation::humanml3d::{self, Features, POSITION_CHANNELS, Path, Root, channels};
-use crate::request::prompt::Heard;
+use crate::request::prompt::PromptStats;
 use core::ops::ControlFlow;
 use heapless::Vec;
 
@@ -26,7 +26,7 @@ pub struct Segment {
     /// Tokens.
     pub tokens: usize,
     /// What was understood of the prompt.
-    pub heard: Heard,
+    pub heard: PromptStats,
 }
 
 /// A running motion of any length, in the generator's arena.
@@ -295,7 +295,7 @@ impl MotionStream<'_, '_> {
             Source::Tokens(tokens) => {
                 self.push(tokens)?;
                 let tokens = tokens.len() / self.memory.quantizers.max(1);
-                return Ok(Segment { tokens, heard: Heard::default() });
+                return Ok(Segment { tokens, heard: PromptStats::default() });
             }
             Source::Text(prompt) => prompt,
         };

@@ -8,18 +8,18 @@
 //! - [`robot`]: what the robot is, read from a packed `robot.toml`. Knows no motion.
 //! - [`body`]: how the body's segments are turned, from where its joints are. Knows no servos.
 //! - [`mapper`]: servo angles from that, and back.
-//! - [`mod@line`]: the lock-free queue between whoever makes motions and the interrupt that plays them.
+//! - [`queue`]: the lock-free queue between whoever makes motions and the interrupt that plays them.
 //! - [`player`]: a tick of the servos, at a fixed cost; [`control`] is how it is ordered about and what it counts.
 //! - [`start`]: how the robot gets from power coming up to its first motion.
 //! - [`interpolate`], [`limiter`]: its numerics, an angle each.
 //! - [`output`]: commands onto pins and buses; the only part that knows hardware.
 //!
 //! ```
-//! use motionette::playback::{Ends, Line, Robot, When};
+//! use motionette::playback::{Handles, MotionQueue, Robot, When};
 //!
 //! # fn run(robot: &Robot, motion: &motionette::Motion<'_>) -> Result<(), Box<dyn core::error::Error>> {
-//! let mut line = Line::<12, 256>::new(); // in firmware a static cell
-//! let Ends { mut feeder, mut player, control } = line.split(robot)?;
+//! let mut line = MotionQueue::<12, 256>::new(); // in firmware a static cell
+//! let Handles { mut feeder, mut player, control } = line.split(robot)?;
 //! feeder.play(motion, When::Then)?; // in a thread: the generator is free again afterwards
 //! let servos = player.tick(); // in the timer interrupt, `robot.tick_rate` times a second
 //! let _microseconds = servos.commands;
@@ -34,17 +34,17 @@ pub mod body;
 pub mod control;
 pub mod interpolate;
 pub mod limiter;
-pub mod line;
 pub mod mapper;
 pub mod output;
 pub mod player;
+pub mod queue;
 pub mod robot;
 pub mod start;
 
 pub use control::{Control, State, Status};
-pub use line::{Ends, Feeder, Full, Line, When};
 pub use mapper::{Mapper, reach};
 pub use player::{Player, Servos};
+pub use queue::{Feeder, Full, Handles, MotionQueue, When};
 pub use robot::{Axis, Bus, Channel, Rest, Robot, RobotError};
 pub use start::{Start, StartFault};
 

@@ -9,7 +9,7 @@ use heapless::spsc::Consumer;
 use super::control::{Control, State, Status, Wish};
 use super::interpolate::monotone_cubic;
 use super::limiter::{Angle, Limiter, Limits, UNITS, units};
-use super::line::{Item, Source, degrees, is_before, whole};
+use super::queue::{Item, Source, degrees, is_before, whole};
 use super::robot::{Channel, Rest, Robot};
 use super::start::Start;
 
@@ -21,7 +21,7 @@ const BEHIND: Angle = (UNITS as Angle) / 10;
 
 /// Four frames round the present time, hundredths of a degree, and where the motion stands between the middle two.
 #[derive(Debug, Clone, Copy)]
-struct Reel<const C: usize> {
+struct FrameWindow<const C: usize> {
     frames: [[i16; C]; 4],
     /// Frames taken: the first fills all four, the second the last two, the third the last.
     taken: u8,
@@ -38,9 +38,9 @@ struct Reel<const C: usize> {
     number: u32,
 }
 
-impl<const C: usize> Reel<C> {
+impl<const C: usize> FrameWindow<C> {
     const fn new(number: u32, frame_rate: u16) -> Self {
-        Reel { frames: [[0; C]; 4], taken: 0, ended: false, left: 0, time: 0, frame_rate, index: 0, number }
+        FrameWindow { frames: [[0; C]; 4], taken: 0, ended: false, left: 0, time: 0, frame_rate, index: 0, number }
     }
 
     /// Appends a frame to those not yet shown.
@@ -77,7 +77,7 @@ enum Drive<const C: usize> {
     /// Nothing: they stand.
     None,
     /// A motion.
-    Motion(Reel<C>),
+    Motion(FrameWindow<C>),
     /// The way to neutral.
     Return,
 }
@@ -347,7 +347,7 @@ impl<'a, const C: usize> Player<'a, C> {
                 // The next tick goes on throwing away.
                 (_, Some(Item::Begin { number, .. })) if self.cutting && is_before(whole(*number), self.cut) => return,
                 (_, Some(Item::Begin { number, frame_rate })) => {
-                    let reel = Reel::new(whole(*number), *frame_rate);
+                    let reel = FrameWindow::new(whole(*number), *frame_rate);
                     self.begin(Drive::Motion(reel));
                     self.status.motions = self.status.motions.wrapping_add(1);
                 }
@@ -358,7 +358,7 @@ impl<'a, const C: usize> Player<'a, C> {
         }
     }
 
-    /// Ends what is not to be played any more, and throws away what of it is queued.
+    /// Handles what is not to be played any more, and throws away what of it is queued.
     #[inline(never)]
     fn cut_off(&mut self) {
         let cut = self.control.cut();
@@ -397,7 +397,7 @@ impl<'a, const C: usize> Player<'a, C> {
 
     /// A tick of a motion.
     #[inline(never)]
-    fn play(&mut self, mut reel: Reel<C>) -> State {
+    fn play(&mut self, mut reel: FrameWindow<C>) -> State {
         if !reel.ready() {
             self.brake();
             return State::Holding;

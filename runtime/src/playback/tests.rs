@@ -2,8 +2,8 @@
 
 use super::Start;
 use super::control::State;
-use super::line::{Ends, Full, Line, When, line_bytes};
 use super::mapper::{Mapper, reach};
+use super::queue::{Full, Handles, MotionQueue, When, queue_bytes};
 use super::robot::{Axis, Bus, Channel, Fault, Rest, Robot, RobotError, Source, Violation};
 use crate::numerics::hash::Stream;
 use crate::representation::Pose;
@@ -322,8 +322,8 @@ macro_rules! play {
 #[test]
 fn a_motion_is_played_to_its_last_frame_and_held() {
     let robot = arms();
-    let mut line = Line::<8, 128>::new();
-    let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+    let mut line = MotionQueue::<8, 128>::new();
+    let Handles { mut feeder, mut player, control } = line.split(&robot).unwrap();
     let mut watch = Watch::new(&robot);
     let frames = wave(&robot, 60);
     feeder.play_frames(&frames, 20, When::Then).unwrap();
@@ -343,8 +343,8 @@ fn a_motion_is_played_to_its_last_frame_and_held() {
 #[test]
 fn a_motion_is_never_half_queued() {
     let robot = arms();
-    let mut line = Line::<8, 64>::new();
-    let Ends { mut feeder, mut player, .. } = line.split(&robot).unwrap();
+    let mut line = MotionQueue::<8, 64>::new();
+    let Handles { mut feeder, mut player, .. } = line.split(&robot).unwrap();
     let frames = wave(&robot, 40);
     assert_eq!(feeder.play_frames(&wave(&robot, 70), 20, When::Then), Err(Full::Never { needed: 72, room: 63 }));
     feeder.play_frames(&frames, 20, When::Then).unwrap();
@@ -360,14 +360,14 @@ fn a_motion_is_never_half_queued() {
 }
 
 fn line_error(robot: &Robot) -> bool {
-    Line::<4, 8>::new().split(robot).is_err_and(|e| (e.found, e.room) == (robot.channels.len(), 4))
+    MotionQueue::<4, 8>::new().split(robot).is_err_and(|e| (e.found, e.room) == (robot.channels.len(), 4))
 }
 
 #[test]
 fn orders_take_effect_and_keep_the_limits() {
     let robot = arms();
-    let mut line = Line::<8, 256>::new();
-    let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+    let mut line = MotionQueue::<8, 256>::new();
+    let Handles { mut feeder, mut player, control } = line.split(&robot).unwrap();
     let mut watch = Watch::new(&robot);
     feeder.play_frames(&wave(&robot, 100), 20, When::Then).unwrap();
     play!(player, &robot, watch, 80);
@@ -410,8 +410,8 @@ fn orders_take_effect_and_keep_the_limits() {
 #[test]
 fn frames_that_come_late_are_waited_for() {
     let robot = arms();
-    let mut line = Line::<8, 32>::new();
-    let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+    let mut line = MotionQueue::<8, 32>::new();
+    let Handles { mut feeder, mut player, control } = line.split(&robot).unwrap();
     let mut watch = Watch::new(&robot);
     let frames = wave(&robot, 40);
     feeder.begin(20).unwrap();
@@ -439,8 +439,8 @@ fn any_orders_at_any_time_keep_the_limits() {
     let robot = arms();
     let mut random = Stream::new(77);
     for _ in 0..60 {
-        let mut line = Line::<8, 48>::new();
-        let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+        let mut line = MotionQueue::<8, 48>::new();
+        let Handles { mut feeder, mut player, control } = line.split(&robot).unwrap();
         let mut watch = Watch::new(&robot);
         let frames = wave(&robot, 40);
         for _ in 0..60 {
@@ -463,8 +463,8 @@ fn any_orders_at_any_time_keep_the_limits() {
 #[test]
 fn servos_creep_from_where_they_are_found_and_motions_wait() {
     let robot = arms();
-    let mut line = Line::<8, 128>::new();
-    let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+    let mut line = MotionQueue::<8, 128>::new();
+    let Handles { mut feeder, mut player, control } = line.split(&robot).unwrap();
     let found: Vec<f32> = robot.channels.iter().map(|c| 0.8 * c.range[1] + 0.2 * c.range[0]).collect();
     feeder.play_frames(&wave(&robot, 40), 20, When::Then).unwrap();
     player.stand_at(&found);
@@ -514,8 +514,8 @@ fn servos_creep_from_where_they_are_found_and_motions_wait() {
 fn everything_that_was_queued_at_a_stop_is_gone() {
     let robot = arms();
     for (orders, ticks) in [(0, 0), (0, 1), (0, 3), (1, 1), (2, 1)] {
-        let mut line = Line::<8, 256>::new();
-        let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+        let mut line = MotionQueue::<8, 256>::new();
+        let Handles { mut feeder, mut player, control } = line.split(&robot).unwrap();
         let mut watch = Watch::new(&robot);
         // Two motions fill the line; a third one is still open.
         feeder.play_frames(&wave(&robot, 100), 20, When::Then).unwrap();
@@ -557,8 +557,8 @@ fn everything_that_was_queued_at_a_stop_is_gone() {
 #[test]
 fn now_is_seen_however_many_motions_came_before() {
     let robot = arms();
-    let mut line = Line::<8, 256>::new();
-    let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+    let mut line = MotionQueue::<8, 256>::new();
+    let Handles { mut feeder, mut player, control } = line.split(&robot).unwrap();
     let frames = wave(&robot, 60);
     for others in [0, 1, 253, 254, 255, 256, 65_534] {
         feeder.play_frames(&frames[..1], 20, When::Now).unwrap();
@@ -585,8 +585,8 @@ fn now_is_seen_however_many_motions_came_before() {
 #[test]
 fn a_motion_of_any_frame_rate_lasts_its_time() {
     let robot = arms();
-    let mut line = Line::<8, 4096>::new();
-    let Ends { mut feeder, mut player, control } = line.split(&robot).unwrap();
+    let mut line = MotionQueue::<8, 4096>::new();
+    let Handles { mut feeder, mut player, control } = line.split(&robot).unwrap();
     for (frame_rate, frames, seconds) in
         [(1, 3, 3.0), (255, 510, 2.0), (256, 512, 2.0), (300, 600, 2.0), (1000, 4000, 4.0)]
     {
@@ -609,9 +609,9 @@ fn a_motion_of_any_frame_rate_lasts_its_time() {
 
 #[test]
 fn the_bytes_of_a_line_are_as_promised() {
-    assert_eq!(line_bytes(1, 1), size_of::<Line<1, 4>>());
-    assert_eq!(line_bytes(3, 2), size_of::<Line<3, 5>>());
-    assert_eq!(line_bytes(8, 196), size_of::<Line<8, 199>>());
-    assert_eq!(line_bytes(12, 196), size_of::<Line<12, 199>>());
-    assert_eq!(line_bytes(31, 100), size_of::<Line<31, 103>>());
+    assert_eq!(queue_bytes(1, 1), size_of::<MotionQueue<1, 4>>());
+    assert_eq!(queue_bytes(3, 2), size_of::<MotionQueue<3, 5>>());
+    assert_eq!(queue_bytes(8, 196), size_of::<MotionQueue<8, 199>>());
+    assert_eq!(queue_bytes(12, 196), size_of::<MotionQueue<12, 199>>());
+    assert_eq!(queue_bytes(31, 100), size_of::<MotionQueue<31, 103>>());
 }

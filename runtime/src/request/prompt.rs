@@ -15,7 +15,7 @@ pub enum Prompt<'r> {
 /// What was understood of a prompt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Heard {
+pub struct PromptStats {
     /// Words of a free text; of a stored prompt rows of its memory.
     pub words: u16,
     /// Words of a free text that the model does not know.
@@ -116,9 +116,9 @@ impl Text<'_> {
     ///
     /// # Errors
     /// [`PromptError::OnlyUnknownWords`], or [`PromptError::NoEncoder`].
-    pub fn ids(&self, text: &str, ids: &mut [u16]) -> Result<Heard, PromptError> {
+    pub fn ids(&self, text: &str, ids: &mut [u16]) -> Result<PromptStats, PromptError> {
         let encoder = self.encoder().ok_or(PromptError::NoEncoder { stored: self.bank().len() })?;
-        let mut heard = Heard::default();
+        let mut heard = PromptStats::default();
         for (word, id) in Words::new(text).zip(ids.iter_mut()) {
             *id = encoder.vocabulary().id(&word);
             heard.words += 1;

@@ -45,7 +45,7 @@ impl<'a> Bank<'a> {
                 let limit = u32::from(max_words) + 1;
                 return Err(Error::Config { what: "rows of a stored prompt", found: u32::from(rows), limit });
             }
-            let values = tensor.halves(rows, width)?;
+            let values = tensor.f16s(rows, width)?;
             if let Some(element) = values.iter().position(|&v| !(f16::from_bits(v).to_f32().abs() <= MAX_VALUE)) {
                 let element = u32::try_from(element).unwrap_or(u32::MAX);
                 return Err(Error::TensorValue { index: tensor.index, element });
@@ -82,7 +82,7 @@ impl<'a> Bank<'a> {
         }
         let tensor = tensors.take().ok()?;
         let [_, rows, width] = tensor.entry.shape;
-        Some(Entry { values: tensor.halves(rows, width).ok()?, width: self.width })
+        Some(Entry { values: tensor.f16s(rows, width).ok()?, width: self.width })
     }
 }
 

@@ -25,7 +25,7 @@ use embassy_rp::flash::Flash;
 use embassy_rp::interrupt::{self, InterruptExt, Priority};
 use motionette::Model;
 use motionette::playback::output::{Gate, Pca9685};
-use motionette::playback::{Ends, Feeder, Line, Robot};
+use motionette::playback::{Handles, Feeder, MotionQueue, Robot};
 use motionette_link::thread::{self, JobHost, Note};
 use motionette_link::{DeviceState, Preset, SharedFlags, Store};
 use panic_probe as _;
@@ -57,7 +57,7 @@ unsafe fn SWI_IRQ_0() {
 #[entry]
 fn main() -> ! {
     static ROBOT_CELL: StaticCell<Robot> = StaticCell::new();
-    static LINE: ConstStaticCell<Line<CHANNELS, FRAMES>> = ConstStaticCell::new(Line::new());
+    static LINE: ConstStaticCell<MotionQueue<CHANNELS, FRAMES>> = ConstStaticCell::new(MotionQueue::new());
     static ARENA_CELL: ConstStaticCell<Arena> = ConstStaticCell::new(Arena([0; ARENA]));
 
     let peripherals = embassy_rp::init(embassy_rp::config::Config::default());
@@ -68,7 +68,7 @@ fn main() -> ! {
             rest();
         }
     };
-    let Ok(Ends { mut feeder, player, control }) = LINE.take().split(robot) else {
+    let Ok(Handles { mut feeder, player, control }) = LINE.take().split(robot) else {
         defmt::error!("the robot has more than {} servos", CHANNELS);
         rest();
     };

@@ -20,7 +20,7 @@ use motionette::{
 use motionette::{
     Motion,
     playback::{
-        Ends, Line, Robot, RobotError, When,
+        Handles, MotionQueue, Robot, RobotError, When,
         output::{Runner, Sts3215},
         reach,
     },
@@ -140,8 +140,8 @@ impl embedded_io::Write for Port {
 #[inline(never)]
 fn play(bytes: &[u8], motion: &Motion<'_>) -> Result<u32, RobotError> {
     let robot = Robot::open(black_box(bytes))?;
-    let mut line = black_box(Line::<16, 8>::new());
-    let Ok(Ends { mut feeder, mut player, control }) = line.split(&robot) else { return Ok(0) };
+    let mut line = black_box(MotionQueue::<16, 8>::new());
+    let Ok(Handles { mut feeder, mut player, control }) = line.split(&robot) else { return Ok(0) };
     for when in black_box([When::Then, When::Now]) {
         let _ = black_box(feeder.play(motion, when));
     }

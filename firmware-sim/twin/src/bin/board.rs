@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
-use motionette::codec::vq::decoder::Portion;
+use motionette::codec::vq::decoder::ChunkShape;
 use motionette::{Generator, Request};
 use motionette_host::blob::BlobFile;
 use motionette_link::Preset;
@@ -74,7 +74,7 @@ fn run(cli: &Cli) -> Result<()> {
     // Weights are fetched once for so many rows: blocks of the planner are full but for the last, and a token is a row of the decoder or more.
     let tokens = usize::from(preset.frames).div_ceil(model.frames_per_token());
     let each = |rows: usize, most: usize| rows as f64 / rows.div_ceil(most) as f64;
-    let chunk = Portion::new(tokens, preset.rows).tokens;
+    let chunk = ChunkShape::new(tokens, preset.rows).tokens;
     let fetched = plan.planning_macs as f64 / each(1 + tokens, preset.rows) + decoder as f64 / each(tokens, chunk);
     let seconds = instructions * CYCLES / CLOCK + fetched / FLASH_BANDWIDTH;
     let motion = f64::from(preset.frames) / f64::from(model.frame_rate());

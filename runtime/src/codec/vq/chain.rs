@@ -11,9 +11,9 @@
 //! not grow with the motion but for the ReLUs' bits, if the gradient is to follow. The gradient of a convolution is one, too: it
 //! passes from the last layer to the first in the same way, from the motion's beginning to its end.
 
-use super::decoder::{Decoder, Portion};
-use super::layer::{Layer, MAX_LAYERS, Way};
-use super::step::{Count, Gates, Last, Tail, Work};
+use super::decoder::{ChunkShape, Decoder};
+use super::layer::{Direction, Layer, MAX_LAYERS};
+use super::step::{Count, Last, ReluMask, Tail, Work};
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::conv1d::accumulators;
 use crate::nn::output::{self, Channels, window};
@@ -36,7 +36,7 @@ impl<'s> Tails<'s> {
     }
 
     /// Takes a layer's from the front.
-    fn next(&mut self, layer: &Layer<'_, '_>, way: Way, count: &'s mut Count) -> Tail<'s> {
+    fn next(&mut self, layer: &Layer<'_, '_>, way: Direction, count: &'s mut Count) -> Tail<'s> {
         let (kept, skipped, width) = (layer.kept(way), layer.skipped(way), layer.width(way));
         Tail {
             q: front(&mut self.q, kept * width),
@@ -57,7 +57,7 @@ fn front<'s, T>(rest: &mut &'s mut [T], count: usize) -> &'s mut [T] {
 /// Rows being passed: the tails, and the buffers that a chunk passes through. Its size depends on decoder and chunk alone.
 #[derive(Debug)]
 pub(super) struct Chain<'w> {
-    way: Way,
+    way: Direction,
     /// Tokens that pass at a time, at most.
     chunk: usize,
     tails: Tails<'w>,
@@ -96,21 +96,21 @@ struct Sizes {
 }
 
 impl<'a> Decoder<'a> {
-    fn chain_sizes(&self, way: Way, portion: Portion, channels: usize) -> Sizes {
-        let Portion { tokens: chunk, rows } = portion;
+    fn chain_sizes(&self, way: Direction, portion: ChunkShape, channels: usize) -> Sizes {
+        let ChunkShape { tokens: chunk, rows } = portion;
         let frames = chunk * self.upsampling();
         let block = frames.min(rows);
         let (width, codes, wide) = (self.width, self.code_width(), channels.min(self.wide()));
         let (most, widest) = (width.max(channels), width.max(codes));
         let both = Sizes { row: width, block, ..Sizes::default() };
         let mut sizes = match way {
-            Way::Forward => Sizes {
+            Direction::Forward => Sizes {
                 sequence: frames * channels,
                 acc: accumulators(block, widest, most),
                 acc_low: accumulators(block, width, wide),
                 ..both
             },
-            Way::Back => Sizes {
+            Direction::Back => Sizes {
                 sequence: frames * width,
                 acc: accumulators(block, most, widest),
                 acc_low: accumulators(block, wide, width),
@@ -123,7 +123,7 @@ impl<'a> Decoder<'a> {
         for (stage, layer) in self.passed(way) {
             let rows = chunk << stage;
             let outputs = match (layer, way) {
-                (Layer::Upsample(_), Way::Forward) => 2 * rows,
+                (Layer::Upsample(_), Direction::Forward) => 2 * rows,
                 _ => rows + layer.skipped(way),
             };
             let inputs = layer.width(way);
@@ -132,7 +132,7 @@ impl<'a> Decoder<'a> {
             sizes.tails_rows += layer.skipped(way) * inputs;
             let results = match (layer, way) {
                 // The last one back is as wide as a code.
-                (Layer::Convolution(conv), Way::Back) => conv.inputs(),
+                (Layer::Convolution(conv), Direction::Back) => conv.inputs(),
                 _ => width,
             };
             sizes.sequence = sizes.sequence.max(outputs * inputs.max(results));
@@ -143,8 +143,8 @@ impl<'a> Decoder<'a> {
     }
 
     /// Arena bytes of what a [`Chain`] keeps from chunk to chunk.
-    pub(super) fn tails_bytes(&self, way: Way) -> usize {
-        let s = self.chain_sizes(way, Portion { tokens: 1, rows: 1 }, 1);
+    pub(super) fn tails_bytes(&self, way: Direction) -> usize {
+        let s = self.chain_sizes(way, ChunkShape { tokens: 1, rows: 1 }, 1);
         Arena::measure(|arena| Tails::take(arena, &s))
     }
 
@@ -155,8 +155,8 @@ impl<'a> Decoder<'a> {
     pub(super) fn chain<'w>(
         &self,
         arena: &mut Arena<'w>,
-        way: Way,
-        portion: Portion,
+        way: Direction,
+        portion: ChunkShape,
         channels: usize,
     ) -> Result<Chain<'w>, ArenaTooSmall> {
         let s = self.chain_sizes(way, portion, channels);
@@ -244,25 +244,25 @@ impl Chain<'_> {
         &mut self,
         decoder: &Decoder<'_>,
         channels: &Channels,
-        gates: &mut Gates<'_>,
+        gates: &mut ReluMask<'_>,
         last: &mut Last<'_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop, &mut [f32]> {
         let Chain { way, chunk, tails, counts, sequence, work, rows, layer: begun, ending, .. } = self;
         let mut complete = *ending;
         let mut width = match way {
-            Way::Forward => channels.count(),
-            Way::Back => decoder.code_width(),
+            Direction::Forward => channels.count(),
+            Direction::Back => decoder.code_width(),
         };
         let mut tails = Tails { q: &mut *tails.q, scales: &mut *tails.scales, rows: &mut *tails.rows };
         let tokens = gates.kept.unwrap_or(0);
-        let mut gate = if *way == Way::Forward { 0 } else { decoder.gates(tokens) };
+        let mut gate = if *way == Direction::Forward { 0 } else { decoder.gates(tokens) };
         for (place, (count, (stage, layer))) in counts.iter_mut().zip(decoder.passed(*way)).enumerate() {
             let tail = tails.next(&layer, *way, count);
             let own = layer.gates() * (tokens << stage);
             // Forward they lie in the order of the pass.
-            let at = if *way == Way::Forward { gate } else { gate - own };
-            gate = if *way == Way::Forward { gate + own } else { at };
+            let at = if *way == Direction::Forward { gate } else { gate - own };
+            gate = if *way == Direction::Forward { gate + own } else { at };
             let due = layer.ahead().saturating_sub(tail.count.zeros);
             if place < *begun {
                 complete &= due == 0;

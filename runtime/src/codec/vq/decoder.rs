@@ -4,8 +4,8 @@
 //! x2, conv k3 }, conv k3, ReLU, conv k3 to the features. A motion passes through it some tokens at a time; of what lies between
 //! the layers one bit a value is kept for the gradient where there is a ReLU.
 
-use super::layer::Way;
-use super::step::{Gates, Last};
+use super::layer::Direction;
+use super::step::{Last, ReluMask};
 use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
 use crate::memory::{Arena, ArenaTooSmall, bytes_of};
 use crate::nn::conv1d::{Conv1d, Rows, Shape};
@@ -19,20 +19,20 @@ use heapless::Vec;
 
 /// What passes through the decoder at a time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Portion {
+pub struct ChunkShape {
     /// Tokens.
     pub tokens: usize,
     /// Rows that a layer multiplies together, at most: its weights are read once for so many.
     pub rows: usize,
 }
 
-impl Portion {
+impl ChunkShape {
     /// Of a motion of so many tokens, where `rows` of the planner's pass at a time ([`crate::Limits::rows`]): half as many tokens more, and
     /// three times as many rows a layer. What both take grows alike.
     #[must_use]
     pub fn new(tokens: usize, rows: usize) -> Self {
         let rows = rows.clamp(LEAST_ROWS, MOST_ROWS);
-        Portion { tokens: tokens.clamp(1, rows + rows / 2), rows: 3 * rows }
+        ChunkShape { tokens: tokens.clamp(1, rows + rows / 2), rows: 3 * rows }
     }
 }
 
@@ -57,7 +57,7 @@ pub struct Decoder<'a> {
 /// All mutable memory of the decoder.
 #[derive(Debug)]
 pub struct Workspace<'a> {
-    portion: Portion,
+    portion: ChunkShape,
     gates: &'a mut [u32],
     last: Last<'a>,
     /// Where passes work.
@@ -150,7 +150,7 @@ impl<'a> Decoder<'a> {
     /// which it does once a tap as well.
     #[must_use]
     pub fn macs(&self, tokens: usize, channels: &Channels, rows: usize) -> u64 {
-        let chunks = (tokens + self.radius_tokens()).div_ceil(Portion::new(tokens, rows).tokens.max(1));
+        let chunks = (tokens + self.radius_tokens()).div_ceil(ChunkShape::new(tokens, rows).tokens.max(1));
         tokens as u64 * self.token_macs(channels) + chunks as u64 * self.chunk_macs()
     }
 
@@ -184,9 +184,9 @@ impl<'a> Decoder<'a> {
     }
 
     /// Bytes of a pass, whichever way.
-    fn pass_bytes(&self, portion: Portion, channels: usize) -> usize {
+    fn pass_bytes(&self, portion: ChunkShape, channels: usize) -> usize {
         let bytes = |way| Arena::measure(|arena| self.chain(arena, way, portion, channels));
-        let [forward, back] = [Way::Forward, Way::Back].map(bytes);
+        let [forward, back] = [Direction::Forward, Direction::Back].map(bytes);
         if forward > back { forward } else { back }
     }
 
@@ -208,7 +208,7 @@ impl<'a> Decoder<'a> {
         channels: usize,
         rows: usize,
     ) -> Result<Workspace<'w>, ArenaTooSmall> {
-        let portion = Portion::new(tokens, rows);
+        let portion = ChunkShape::new(tokens, rows);
         Ok(Workspace {
             portion,
             gates: arena.take(self.gate_words(tokens))?,
@@ -230,9 +230,9 @@ impl<'a> Decoder<'a> {
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
         let tokens = u.len() / self.code_width.max(1);
-        let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
+        let mut gates = ReluMask { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
         let chunk = work.portion.tokens;
-        let mut chain = self.chain(&mut work.spare.overlay(), Way::Forward, work.portion, channels.count());
+        let mut chain = self.chain(&mut work.spare.overlay(), Direction::Forward, work.portion, channels.count());
         invariant!(chain.is_ok(), "{:?}", chain.as_ref().err());
         let Ok(chain) = &mut chain else { return ControlFlow::Continue(()) };
         let mut chunks = u.chunks((chunk * self.code_width).max(1));
@@ -264,9 +264,9 @@ impl<'a> Decoder<'a> {
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
         let tokens = du.len() / self.code_width.max(1);
-        let mut gates = Gates { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
+        let mut gates = ReluMask { bits: work.gates, words: mask::words(self.width), kept: Some(tokens) };
         let chunk = work.portion.tokens;
-        let mut chain = self.chain(&mut work.spare.overlay(), Way::Back, work.portion, channels.count());
+        let mut chain = self.chain(&mut work.spare.overlay(), Direction::Back, work.portion, channels.count());
         invariant!(chain.is_ok(), "{:?}", chain.as_ref().err());
         let Ok(chain) = &mut chain else { return ControlFlow::Continue(()) };
         let (frames, step) = (tokens * self.upsampling(), chunk * self.upsampling());

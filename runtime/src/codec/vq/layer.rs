@@ -11,7 +11,7 @@ pub(super) const MAX_LAYERS: usize = 3 + MAX_STAGES * (MAX_BLOCKS + 1);
 
 /// Which way rows pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Way {
+pub(super) enum Direction {
     /// From the embeddings to the features.
     Forward,
     /// Gradients, from the features to the embeddings.
@@ -33,10 +33,10 @@ pub(super) enum Layer<'d, 'a> {
 
 impl Layer<'_, '_> {
     /// Channels of the rows that enter.
-    pub(super) const fn width(&self, way: Way) -> usize {
+    pub(super) const fn width(&self, way: Direction) -> usize {
         match (self, way) {
-            (Layer::Convolution(conv) | Layer::Upsample(conv), Way::Forward) => conv.inputs(),
-            (Layer::Convolution(conv) | Layer::Upsample(conv), Way::Back) => conv.outputs(),
+            (Layer::Convolution(conv) | Layer::Upsample(conv), Direction::Forward) => conv.inputs(),
+            (Layer::Convolution(conv) | Layer::Upsample(conv), Direction::Back) => conv.outputs(),
             (Layer::Residual(block), _) => block.conv1.inputs(),
             (Layer::Output(output), _) => output.inputs(),
         }
@@ -54,20 +54,20 @@ impl Layer<'_, '_> {
     }
 
     /// Quantised rows that the next results still depend on. The first result is [`Layer::ahead`] behind the first of them.
-    pub(super) const fn kept(&self, way: Way) -> usize {
+    pub(super) const fn kept(&self, way: Direction) -> usize {
         match (self, way) {
-            (Layer::Upsample(_), Way::Forward) => self.ahead(),
-            (Layer::Upsample(_), Way::Back) => 0,
+            (Layer::Upsample(_), Direction::Forward) => self.ahead(),
+            (Layer::Upsample(_), Direction::Back) => 0,
             _ => 2 * self.ahead(),
         }
     }
 
     /// Rows as they were that the next results are added to or made of, at most.
-    pub(super) const fn skipped(&self, way: Way) -> usize {
+    pub(super) const fn skipped(&self, way: Direction) -> usize {
         match (self, way) {
             (Layer::Residual(_), _) => self.ahead(),
             // A row before the next row's first copy, and that copy if the other is yet to come.
-            (Layer::Upsample(_), Way::Back) => 3,
+            (Layer::Upsample(_), Direction::Back) => 3,
             _ => 0,
         }
     }
@@ -111,11 +111,11 @@ impl<'a> Decoder<'a> {
 
     /// The same in the order in which rows pass them, from the last but one for gradients, each with how often rows are doubled where
     /// they enter.
-    pub(super) fn passed(&self, way: Way) -> impl Iterator<Item = (usize, Layer<'_, 'a>)> {
+    pub(super) fn passed(&self, way: Direction) -> impl Iterator<Item = (usize, Layer<'_, 'a>)> {
         let before_output = self.layers().count().saturating_sub(2);
         (0..MAX_LAYERS).map_while(move |place| match way {
-            Way::Forward => self.layer(place),
-            Way::Back => {
+            Direction::Forward => self.layer(place),
+            Direction::Back => {
                 let (stage, layer) = self.layer(before_output.checked_sub(place)?)?;
                 Some((stage + usize::from(matches!(layer, Layer::Upsample(_))), layer))
             }

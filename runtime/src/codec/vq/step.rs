@@ -1,7 +1,7 @@
 //! One layer's step: rows enter, and those that have thereby become final leave.
 
 use super::decoder::copy;
-use super::layer::{Layer, Way};
+use super::layer::{Direction, Layer};
 use crate::nn::conv1d::{Conv1d, GradientBlock, Rows};
 use crate::nn::output::{self, Channels};
 use crate::nn::{mask, quantise, residual};
@@ -38,7 +38,7 @@ pub(super) struct Tail<'s> {
 
 /// Bits of the ReLUs.
 #[derive(Debug)]
-pub(super) struct Gates<'w> {
+pub(super) struct ReluMask<'w> {
     /// `[R][words(W)]`, all layers' one after the other, or as many as a chunk has where nobody reads them.
     pub bits: &'w mut [u32],
     /// Words of a row.
@@ -47,7 +47,7 @@ pub(super) struct Gates<'w> {
     pub kept: Option<usize>,
 }
 
-impl Gates<'_> {
+impl ReluMask<'_> {
     /// Of `count` rows, `from` a layer's first row on, the `row`-th there.
     fn of(&mut self, from: usize, row: usize, count: usize) -> &mut [u32] {
         let first = if self.kept.is_some() { from + row } else { 0 };
@@ -78,16 +78,16 @@ impl Layer<'_, '_> {
     /// final there. Returns how many.
     pub(super) fn step(
         &self,
-        way: Way,
+        way: Direction,
         tail: Tail<'_>,
         (rows, zeros): (usize, usize),
         channels: &Channels,
         sequence: &mut [f32],
-        (gates, (outer, inner)): (&mut Gates<'_>, (usize, usize)),
+        (gates, (outer, inner)): (&mut ReluMask<'_>, (usize, usize)),
         last: &mut Last<'_>,
         work: &mut Work<'_>,
     ) -> usize {
-        if let (Layer::Upsample(conv), Way::Back) = (self, way) {
+        if let (Layer::Upsample(conv), Direction::Back) = (self, way) {
             return downsample(conv, tail, (rows, zeros), sequence, work);
         }
         let Work { scratch: residual::Scratch { q, scales, row, block }, acc_low, .. } = work;
@@ -118,13 +118,13 @@ impl Layer<'_, '_> {
         let new_q = part_mut!(q, held * width..all * width);
         let new_scales = part_mut!(scales, held..all);
         match (self, way) {
-            (Layer::Residual(layer), Way::Forward) => {
+            (Layer::Residual(layer), Direction::Forward) => {
                 layer.activate(x, new_q, new_scales, row, gates.of(outer, entered, rows));
             }
-            (Layer::Residual(layer), Way::Back) => {
+            (Layer::Residual(layer), Direction::Back) => {
                 layer.enter_gradient(x, new_q, new_scales, row, block, gates.of(inner, entered, rows));
             }
-            (Layer::Convolution(conv), Way::Back) => {
+            (Layer::Convolution(conv), Direction::Back) => {
                 mask::gate_rows(x, gates.of(outer, entered, rows), width);
                 conv.quantise_gradient(x, new_q, new_scales, row);
             }
@@ -143,12 +143,12 @@ impl Layer<'_, '_> {
         let window = Rows { q: part!(q, ..all * width), scales: part!(scales, ..all) };
 
         match (self, way) {
-            (Layer::Convolution(conv), Way::Forward) => {
+            (Layer::Convolution(conv), Direction::Forward) => {
                 let y = part_mut!(sequence, ..results * conv.outputs());
                 conv.forward(window, first, y, together, block.acc);
                 mask::relu_rows(y, gates.of(outer, left, results), conv.outputs());
             }
-            (Layer::Convolution(conv), Way::Back) => {
+            (Layer::Convolution(conv), Direction::Back) => {
                 let dx = part_mut!(sequence, ..results * conv.inputs());
                 conv.backward(window, first, dx, together, block.acc);
             }
@@ -156,8 +156,8 @@ impl Layer<'_, '_> {
                 let x = part_mut!(sequence, ..came * width);
                 let to = part_mut!(x, before * width..);
                 match way {
-                    Way::Forward => layer.add(window, first, to, block, gates.of(inner, left, results)),
-                    Way::Back => layer.add_gradient(window, first, to, block, gates.of(outer, left, results)),
+                    Direction::Forward => layer.add(window, first, to, block, gates.of(inner, left, results)),
+                    Direction::Back => layer.add_gradient(window, first, to, block, gates.of(outer, left, results)),
                 }
                 shift_forward(x, before * width);
             }

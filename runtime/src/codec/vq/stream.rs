@@ -2,9 +2,9 @@
 //! [`Decoder::radius_frames`].
 
 use super::chain::Chain;
-use super::decoder::{Decoder, Portion};
-use super::layer::{Layer, Way};
-use super::step::{Gates, Last};
+use super::decoder::{ChunkShape, Decoder};
+use super::layer::{Direction, Layer};
+use super::step::{Last, ReluMask};
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::mask;
 use crate::nn::output::Channels;
@@ -14,14 +14,14 @@ use core::ops::ControlFlow;
 /// Tokens that pass through the decoder at a time, at most: weights are read once for so many.
 pub const CHUNK: usize = 4;
 /// All its rows are multiplied together in most layers.
-const PORTION: Portion = Portion { tokens: CHUNK, rows: 24 };
+const CHUNK_SHAPE: ChunkShape = ChunkShape { tokens: CHUNK, rows: 24 };
 
 /// A motion being decoded. Its size depends on the decoder alone.
 #[derive(Debug)]
 pub struct Stream<'w> {
     chain: Chain<'w>,
     /// Of ReLUs; nobody reads them.
-    gates: Gates<'w>,
+    gates: ReluMask<'w>,
 }
 
 impl<'a> Decoder<'a> {
@@ -52,7 +52,7 @@ impl<'a> Decoder<'a> {
     /// Arena bytes of what [`Decoder::stream`] keeps from chunk to chunk.
     #[must_use]
     pub fn tail_bytes(&self) -> usize {
-        self.tails_bytes(Way::Forward)
+        self.tails_bytes(Direction::Forward)
     }
 
     fn stream_gates(&self) -> usize {
@@ -70,9 +70,9 @@ impl<'a> Decoder<'a> {
     /// # Errors
     /// [`ArenaTooSmall`].
     pub fn stream<'w>(&self, arena: &mut Arena<'w>, channels: usize) -> Result<Stream<'w>, ArenaTooSmall> {
-        let chain = self.chain(arena, Way::Forward, PORTION, channels)?;
+        let chain = self.chain(arena, Direction::Forward, CHUNK_SHAPE, channels)?;
         let (bits, words) = (arena.take(self.stream_gates())?, mask::words(self.width));
-        Ok(Stream { chain, gates: Gates { bits, words, kept: None } })
+        Ok(Stream { chain, gates: ReluMask { bits, words, kept: None } })
     }
 }
 

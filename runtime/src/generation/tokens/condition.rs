@@ -9,8 +9,8 @@ use crate::nn::attention::{Heads, Segment, SegmentMut};
 pub struct Condition<'w> {
     /// Rows `n` that each block attends to; 0: there are none.
     pub rows: usize,
-    /// What row `i` is told, `[shares][d]`.
-    pub shares: &'w mut [f32],
+    /// What is added to row `i` of the planner, `[biased][d]`.
+    pub row_bias: &'w mut [f32],
     /// `[layers][H][n][dh]`
     keys: &'w mut [i8],
     /// `[layers][H][n]`
@@ -22,7 +22,7 @@ pub struct Condition<'w> {
 }
 
 impl<'w> Condition<'w> {
-    /// Takes the buffers for up to `rows` rows of keys and values, and `shares` rows of the planner.
+    /// Takes the buffers for up to `rows` rows of keys and values, and biases for the planner's first `biased` rows.
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
@@ -30,12 +30,12 @@ impl<'w> Condition<'w> {
         planner: &Planner<'_>,
         arena: &mut Arena<'w>,
         rows: usize,
-        shares: usize,
+        biased: usize,
     ) -> Result<Self, ArenaTooSmall> {
         let (numbers, scales) = lengths(planner.heads(), planner.layers(), rows);
         Ok(Condition {
             rows: 0,
-            shares: arena.take(shares * planner.width())?,
+            row_bias: arena.take(biased * planner.width())?,
             keys: arena.take(numbers)?,
             values: arena.take(numbers)?,
             key_scales: arena.take(scales)?,

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! prompt ──► memory, pooled ──► keys and values a block      once a request, with guidance also of no text
-//! anchors ─► scaffold ──► keys and values a block, rows' shares    once a request
+//! anchors ─► scaffold ──► keys and values a block, rows' biases   once a request
 //! z_0 random ──► pass ──► logits ──► proposals ──► z_1 ...    S steps, each position revisable throughout
 //! ```
 //!

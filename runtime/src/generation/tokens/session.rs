@@ -13,7 +13,7 @@ use crate::nn::block::{Scratch, Sizes};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::numerics::hash::Stream;
 use crate::request::conditions::AnchorSet;
-use crate::request::prompt::{Heard, Prompt, PromptError};
+use crate::request::prompt::{Prompt, PromptError, PromptStats};
 use crate::stop::{Check, Stop};
 use crate::text::Text;
 use crate::text::bank;
@@ -175,7 +175,7 @@ impl<'m, 'b> Modules<'m, 'b> {
         let (d, dt) = (self.planner.width(), self.text.width());
         let own_rows = 1 + tokens;
         let control = self.control(limits);
-        let anchors = control.map_or((0, 0), |control| (tokens, control.shares(tokens)));
+        let anchors = control.map_or((0, 0), |control| (tokens, control.biased_rows(tokens)));
         let mut sizes = self.planner.sizes(tokens, anchors.0, memory);
         sizes = sizes.with(Sizes { outputs: self.text.length().outputs(), inputs: dt, ..Sizes::default() });
         let (mut own, mut own_scales) = (own_rows * d, own_rows * self.planner.heads().count);
@@ -320,11 +320,15 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
     ///
     /// # Errors
     /// A [`PromptError`]. Breaks off when `check`, which is asked behind every block, says so.
-    pub fn read(&mut self, prompt: &Prompt<'_>, check: Check<'_>) -> Result<ControlFlow<Stop, Heard>, PromptError> {
+    pub fn read(
+        &mut self,
+        prompt: &Prompt<'_>,
+        check: Check<'_>,
+    ) -> Result<ControlFlow<Stop, PromptStats>, PromptError> {
         let rows = self.modules.text.rows(prompt)?;
         let heard = match *prompt {
             Prompt::Text(text) => self.modules.text.ids(text, self.words)?,
-            Prompt::Bank(_) => Heard { words: u16::try_from(rows).unwrap_or(u16::MAX), unknown_words: 0 },
+            Prompt::Bank(_) => PromptStats { words: u16::try_from(rows).unwrap_or(u16::MAX), unknown_words: 0 },
         };
         let reading = match *prompt {
             Prompt::Text(_) => Reading::Words(rows),

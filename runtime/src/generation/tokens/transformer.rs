@@ -182,7 +182,7 @@ impl<'a> Planner<'a> {
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
         condition.rows = memory.len() / pooled.len().max(1);
-        scratch.linear(&self.global, pooled, condition.shares);
+        scratch.linear(&self.global, pooled, condition.row_bias);
         for (layer, block) in self.stack.blocks().enumerate() {
             block.read_memory(memory, &mut condition.layer_mut(self.heads(), layer), scratch);
             check()?;
@@ -207,7 +207,7 @@ impl<'a> Planner<'a> {
         let Input { tokens, time, planning } = *input;
         let mut rows = x.chunks_exact_mut(width);
         if let Some(row) = rows.next() {
-            for (to, from) in row.iter_mut().zip(text.shares.iter()) {
+            for (to, from) in row.iter_mut().zip(text.row_bias.iter()) {
                 *to = *from;
             }
             let number = (time * f32::from(TIMES)) as usize;
@@ -229,7 +229,7 @@ impl<'a> Planner<'a> {
         let heads = self.heads();
         let anchors = anchors.filter(|anchors| anchors.rows > 0);
         if let Some(anchors) = anchors {
-            for (x, share) in x.iter_mut().zip(anchors.shares.iter()) {
+            for (x, share) in x.iter_mut().zip(anchors.row_bias.iter()) {
                 *x += *share;
             }
         }

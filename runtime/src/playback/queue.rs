@@ -52,23 +52,23 @@ pub(super) const fn whole([high, low]: [u16; 2]) -> u32 {
 
 /// Static memory of a playback line: `C` servo channels, `N - 1` places for frames (a motion takes its frames and two more).
 ///
-/// `size_of::<Line<C, N>>()` is all the memory that playback needs beside [`Feeder`] and [`Player`].
-pub struct Line<const C: usize, const N: usize> {
+/// `size_of::<MotionQueue<C, N>>()` is all the memory that playback needs beside [`Feeder`] and [`Player`].
+pub struct MotionQueue<const C: usize, const N: usize> {
     queue: Queue<Item<C>, N>,
     control: Control,
 }
 
-impl<const C: usize, const N: usize> Default for Line<C, N> {
+impl<const C: usize, const N: usize> Default for MotionQueue<C, N> {
     fn default() -> Self {
-        Line::new()
+        MotionQueue::new()
     }
 }
 
-impl<const C: usize, const N: usize> Line<C, N> {
+impl<const C: usize, const N: usize> MotionQueue<C, N> {
     /// An empty line.
     #[must_use]
     pub const fn new() -> Self {
-        Line { queue: Queue::new(), control: Control::new() }
+        MotionQueue { queue: Queue::new(), control: Control::new() }
     }
 
     /// The end that motions are put in at, the end that plays them, and the orders for it. The player takes the robot to stand
@@ -76,33 +76,33 @@ impl<const C: usize, const N: usize> Line<C, N> {
     ///
     /// # Errors
     /// [`TooManyChannels`] when the robot has more than `C`.
-    pub fn split<'a>(&'a mut self, robot: &'a Robot) -> Result<Ends<'a, C>, TooManyChannels> {
+    pub fn split<'a>(&'a mut self, robot: &'a Robot) -> Result<Handles<'a, C>, TooManyChannels> {
         let found = robot.channels.len();
         if found > C {
             return Err(TooManyChannels { found, room: C });
         }
-        let Line { queue, control } = self;
+        let MotionQueue { queue, control } = self;
         let control: &Control = control;
         let (producer, consumer) = queue.split();
         let feeder = Feeder { robot, mapper: Mapper::new(robot), producer, control, number: 0, open: false };
-        Ok(Ends { feeder, player: Player::new(robot, consumer, control), control })
+        Ok(Handles { feeder, player: Player::new(robot, consumer, control), control })
     }
 }
 
-/// Bytes of a [`Line`] of `channels` servos that takes a whole motion of `frames` frames, `size_of::<Line<channels, frames + 3>>()`: a
+/// Bytes of a [`MotionQueue`] of `channels` servos that takes a whole motion of `frames` frames, `size_of::<MotionQueue<channels, frames + 3>>()`: a
 /// place takes two bytes a channel and two more, at least eight; the queue two indices besides, and one place that stays free; orders and counters the
 /// rest.
 #[must_use]
-pub const fn line_bytes(channels: usize, frames: usize) -> usize {
-    const ALIGN: usize = align_of::<Line<1, 2>>();
+pub const fn queue_bytes(channels: usize, frames: usize) -> usize {
+    const ALIGN: usize = align_of::<MotionQueue<1, 2>>();
     const FIXED: usize = 2 * size_of::<usize>();
     let place = if channels < 3 { 8 } else { 2 * channels + 2 };
     let queue = (FIXED + (frames + 3) * place).next_multiple_of(align_of::<usize>());
     (queue + size_of::<Control>()).next_multiple_of(ALIGN)
 }
 
-/// Both ends of a [`Line`].
-pub struct Ends<'a, const C: usize> {
+/// Both ends of a [`MotionQueue`].
+pub struct Handles<'a, const C: usize> {
     /// For whoever makes motions.
     pub feeder: Feeder<'a, C>,
     /// For the timer interrupt.
@@ -295,7 +295,7 @@ impl<const C: usize> Feeder<'_, C> {
         self.push(Item::Frame(rounded(&angles)))
     }
 
-    /// Ends the motion that was begun, if there is one.
+    /// Handles the motion that was begun, if there is one.
     ///
     /// # Errors
     /// [`Full`].
