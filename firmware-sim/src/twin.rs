@@ -7,8 +7,8 @@
 //! positions from the result, moves them by a seeded offset, and asks for a motion that passes through them. Every way to
 //! sample, all families of anchors, both solvers and their ablations, lengths from one token to the model's limit take part.
 
-use motionette::numerics::hash::{Fnv, Stream};
 use motionette::generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
+use motionette::numerics::hash::{Fnv, Stream};
 use motionette::refining::{Activity, Basis, Config};
 use motionette::{Anchor, Error, Generator, JOINTS, Request};
 

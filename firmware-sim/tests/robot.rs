@@ -7,8 +7,8 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use motionette::representation::Pose;
 use motionette::playback::{Rest, Robot, Start, StartFault, When};
+use motionette::representation::Pose;
 use motionette::{Generator, Model, Request};
 use motionette_host::blob::AlignedBlob;
 use motionette_host::robot_file;

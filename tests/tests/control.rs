@@ -3,9 +3,9 @@
 
 use motionette::blob::{ControlConfig, Error as BlobError, Norm, TransformerConfig};
 use motionette::conditioning::scaffold::{self, Scaffold, Statistics};
-use motionette::numerics::hash::Stream;
-use motionette::memory::Arena;
 use motionette::generation::tokens::{Limits, Session};
+use motionette::memory::Arena;
+use motionette::numerics::hash::Stream;
 use motionette::refining::Config;
 use motionette::request::conditions::{AnchorSet, FAMILIES, MAX_ANCHORS};
 use motionette::{

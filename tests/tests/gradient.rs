@@ -2,8 +2,8 @@
 
 use motionette::Model;
 use motionette::codec::vq::decoder::ChunkShape;
-use motionette::numerics::hash::Stream;
 use motionette::memory::Arena;
+use motionette::numerics::hash::Stream;
 use motionette::representation::humanml3d::{Features, Path, channels};
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive;

@@ -8,8 +8,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use motionette::numerics::hash::Fnv;
 use motionette::generation::tokens as planning;
+use motionette::numerics::hash::Fnv;
 use motionette::refining::{Activity, Basis, Config};
 use motionette::{Generator, Length, Model, MotionStream, Request, StreamLimits};
 use motionette_host::blob::BlobFile;

@@ -4,10 +4,10 @@
 use std::path::Path;
 
 use motionette::codec::vq::decoder::ChunkShape;
-use motionette::numerics::hash::Stream;
 use motionette::kernels::count;
-use motionette::representation::humanml3d::POSITION_CHANNELS;
+use motionette::numerics::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, Prior};
+use motionette::representation::humanml3d::POSITION_CHANNELS;
 use motionette::{
     Anchor, AnchorList, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling,
     Schedule, Source, StreamLimits, StreamPlan, generation::tokens as planning,

@@ -1,10 +1,10 @@
 //! The planner against an f64 oracle on small random models: text encoder, length, logits, and the sampler's marginals.
 
 use motionette::blob::{Activation, Norm};
-use motionette::numerics::hash::Stream;
-use motionette::memory::Arena;
 use motionette::generation::tokens::tmd::{Metric, Tmd};
 use motionette::generation::tokens::{Limits, Session};
+use motionette::memory::Arena;
+use motionette::numerics::hash::Stream;
 use motionette::{Fixed, Generator, Length, Model, Observer, Planning, Prompt, ROWS, Request, Sampling, Stop};
 use motionette_tests::naive_prior::{self, Rows, Scene};
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};

@@ -3,10 +3,10 @@
 use std::ops::ControlFlow;
 
 use motionette::codec::codebook::Codebooks;
-use motionette::numerics::hash::Stream;
-use motionette::memory::{Arena, ArenaTooSmall};
 use motionette::generation::tokens::sampler::{Draw, Logits, TokenSampler};
 use motionette::generation::tokens::{Limits, Session};
+use motionette::memory::{Arena, ArenaTooSmall};
+use motionette::numerics::hash::Stream;
 use motionette::{Fixed, Model, Planning, Prompt, ROWS};
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 

@@ -1,8 +1,8 @@
 //! A motion decoded in segments against the same motion decoded whole: every bit equal, however it is cut; exactly the
 //! arena that is planned; interrupted anywhere.
 
-use motionette::numerics::hash::Stream;
 use motionette::memory::Arena;
+use motionette::numerics::hash::Stream;
 use motionette::representation::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
 use motionette::{
     Error, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, ROWS, Request, Stop, StreamLimits,

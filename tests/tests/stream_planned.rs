@@ -1,10 +1,10 @@
 //! A motion planned piece by piece: each segment is what a request with its context given would make, seams are no rougher
 //! than the rest, and the observer may stop it anywhere.
 
-use motionette::numerics::hash::Stream;
-use motionette::memory::Arena;
-use motionette::representation::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
 use motionette::generation::tokens::{self as planning, PlanningError};
+use motionette::memory::Arena;
+use motionette::numerics::hash::Stream;
+use motionette::representation::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
 use motionette::{
     Error, Fixed, Frame, Generator, JOINTS, Length, Limits, Model, MotionStream, Observer, Plan, Planning, Progress,
     ROWS, Request, Segment, Stage, Stop, StreamLimits, StreamPlan,

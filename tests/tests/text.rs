@@ -1,13 +1,13 @@
 //! Requests by text through the generator, on small random models: replay, options, given tokens, memory, stops, bad input.
 
 use motionette::blob::{Error as BlobError, TransformerConfig};
-use motionette::numerics::hash::Stream;
-use motionette::request::prompt::PromptError;
-use motionette::text::words::MAX_PROMPT;
 use motionette::generation::tokens::sampling::SamplingError;
 use motionette::generation::tokens::{Limits, PlanningError, Session};
+use motionette::numerics::hash::Stream;
 use motionette::refining::Config;
 use motionette::request::conditions::AnchorSet;
+use motionette::request::prompt::PromptError;
+use motionette::text::words::MAX_PROMPT;
 use motionette::{
     Anchor, Error, Fixed, Generator, Length, Model, Motion, Observer, Planning, Progress, Prompt, Request, Sampling,
     Schedule, Stage, Stop,

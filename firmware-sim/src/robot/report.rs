@@ -1,8 +1,8 @@
 //! What the robot's stage of the main job gives: figures, lines for people, and what the viewer shows.
 
 use motionette::JOINTS;
-use motionette::representation::Pose;
 use motionette::playback::{Bus, Robot, reach};
+use motionette::representation::Pose;
 use motionette_host::metrics;
 use serde::Serialize;
 

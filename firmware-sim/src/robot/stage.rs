@@ -1,8 +1,8 @@
 //! The robot's stage of the main job: the firmware starts with the robot at neutral and released, the motion is played, and what was asked to go wrong goes wrong.
 
 use anyhow::Result;
-use motionette::representation::Pose;
 use motionette::playback::{Robot, When};
+use motionette::representation::Pose;
 use motionette::{Anchor, Model, Request};
 
 use super::faults::{self, Fault, Kind};

@@ -17,7 +17,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use motionette::Model;
 use motionette::playback::output::Runner;
-use motionette::playback::{Handles, Feeder, MotionQueue, Player, Robot};
+use motionette::playback::{Feeder, Handles, MotionQueue, Player, Robot};
 use motionette_host::blob::AlignedBlob;
 use motionette_host::robot_file;
 use motionette_link::message::LossAction;

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
-use motionette::request::prompt::{Prompt, PromptError};
-use motionette::text::words::{UNKNOWN, Words};
 use motionette::generation::tokens::{Length, Planning, Sampling, Schedule};
 use motionette::refining::Report;
+use motionette::request::prompt::{Prompt, PromptError};
+use motionette::text::words::{UNKNOWN, Words};
 use motionette::{Anchor, Generator, Model, Request};
 
 use super::say;

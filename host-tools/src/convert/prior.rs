@@ -3,8 +3,8 @@
 
 use std::collections::HashMap;
 
-use motionette::numerics::hash::Stream;
 use motionette::kernels::GROUP;
+use motionette::numerics::hash::Stream;
 
 use crate::blob::QuantisedConv1d;
 use crate::checkpoint::prior::{Embedding, LayerNorm, Part, PartMut, TIMES};

@@ -8,7 +8,7 @@ mod fit;
 use motionette::Anchor;
 use motionette::playback::queue::TooManyChannels;
 use motionette::playback::robot::MAX_CHANNELS;
-use motionette::playback::{Handles, Full, MotionQueue, Rest, Robot, State, reach};
+use motionette::playback::{Full, Handles, MotionQueue, Rest, Robot, State, reach};
 
 use crate::metrics;
 use crate::motion::Pose;

@@ -8,11 +8,11 @@ use std::ops::ControlFlow;
 
 use motionette::ROWS;
 use motionette::Request;
-use motionette::numerics::hash::Stream;
-use motionette::memory::Arena;
-use motionette::request::prompt::Prompt;
 use motionette::generation::tokens::{Length, Limits, Planning, Session};
+use motionette::memory::Arena;
+use motionette::numerics::hash::Stream;
 use motionette::request::conditions::AnchorSet;
+use motionette::request::prompt::Prompt;
 use serde::Serialize;
 
 use super::Error;

@@ -3,9 +3,9 @@
 use core::fmt;
 
 use motionette::Error;
-use motionette::request::prompt::PromptError;
 use motionette::generation::tokens::PlanningError;
 use motionette::request::conditions::AnchorError;
+use motionette::request::prompt::PromptError;
 use serde::{Deserialize, Serialize};
 
 /// [`motionette::Error`] on the wire: why a job gave no motion.

@@ -19,6 +19,9 @@ const FLASH: u64 = Layout::PICO2.offsets[0] as u64;
 const RAM: u64 = 512 * 1024;
 /// Stack that the runtime needs with a link interrupt and a servo tick on top of it (16 KiB painted in the emulator, and as much again).
 const STACK: u64 = 32 * 1024;
+/// Bytes that the runtime's code may take on a Cortex-M4F, whichever compiler builds it; with playback.
+const CODE: u64 = 164 * 1024;
+const CODE_WITH_PLAYBACK: u64 = 192 * 1024;
 /// Hertz.
 const CLOCK: f64 = 150e6;
 /// Cycles an instruction, assumed: code and weights come through a cache of 16 KiB in front of serial flash.
@@ -98,7 +101,12 @@ fn run(cli: &Cli) -> Result<()> {
             image::text_bytes(&std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?)
         };
         let (without, with) = (bytes(check)?, bytes(gate)?);
-        println!("runtime code, M4F    {without} bytes, {with} with playback");
+        println!("runtime code, M4F    {without} of {CODE} bytes, {with} of {CODE_WITH_PLAYBACK} with playback");
+        ensure!(without <= CODE, "the runtime's code has {without} bytes, {CODE} are its budget");
+        ensure!(
+            with <= CODE_WITH_PLAYBACK,
+            "with playback its code has {with} bytes, {CODE_WITH_PLAYBACK} are the budget"
+        );
     }
     if cli.json {
         let object = json!({
