@@ -1,8 +1,8 @@
 //! The checkpoints as the other libraries take them: chosen channels, planner inputs, and what the reference makes of them.
 
 use anyhow::{Context, Result};
-use motionette::numerics::hash::Stream;
 use motionette::nn::output::Channels;
+use motionette::numerics::hash::Stream;
 use motionette_host::checkpoint::prior::{Embedding, PriorCheckpoint, TIMES};
 use motionette_host::checkpoint::{self, Conv1d, TokenizerCheckpoint};
 use motionette_host::reference::planner::Window;

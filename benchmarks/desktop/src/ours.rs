@@ -3,12 +3,12 @@
 use std::ops::ControlFlow;
 
 use anyhow::{Context, Result, ensure};
-use motionette::memory::Arena;
 use motionette::codec::vq::decoder::Workspace;
-use motionette::numerics::hash::Stream;
-use motionette::nn::output::Channels;
 use motionette::generation::tokens::session::Modules;
 use motionette::generation::tokens::{Limits, Session};
+use motionette::memory::Arena;
+use motionette::nn::output::Channels;
+use motionette::numerics::hash::Stream;
 use motionette::refining::{Config, Report};
 use motionette::{Anchors, Generator, Joint, MOST_ROWS, Model, Planning, Prompt, Request, Sampling};
 use motionette_host::blob::BlobFile;

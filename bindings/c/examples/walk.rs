@@ -4,9 +4,9 @@
 use core::ops::ControlFlow;
 use std::{error::Error, fs};
 
-use motionette::{Stop, 
-    Anchor, Generator, Joint, Limits, Model, Observer, Plan, Progress, Request, blob::Aligned, generation::tokens as planning,
-    refining::Config,
+use motionette::{
+    Anchor, Generator, Joint, Limits, Model, Observer, Plan, Progress, Request, Stop, blob::Aligned,
+    generation::tokens as planning, refining::Config,
 };
 
 /// Counts how often it was asked.

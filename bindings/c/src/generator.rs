@@ -1,10 +1,10 @@
 //! Making motions and watching them being made.
 
-use core::ops::ControlFlow;
 use core::ffi::c_void;
+use core::ops::ControlFlow;
 
 use motionette::refining::ControlError;
-use motionette::{Stop, Generator, Model, Motion, Observer, Progress, Stage};
+use motionette::{Generator, Model, Motion, Observer, Progress, Stage, Stop};
 
 use crate::error::{mtn_error, mtn_result, report};
 use crate::model::{self, mtn_model};

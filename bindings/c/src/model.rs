@@ -2,10 +2,10 @@
 
 use core::ffi::c_void;
 
-use motionette::request::conditions::MAX_ANCHORS;
-use motionette::request::prompt::PromptError;
 use motionette::generation::tokens::{self as planning, PlanningError, request::MAX_STEPS};
 use motionette::refining::Config;
+use motionette::request::conditions::MAX_ANCHORS;
+use motionette::request::prompt::PromptError;
 use motionette::{Error, Limits, Model, Plan};
 
 use crate::error::{mtn_error, mtn_result, report};

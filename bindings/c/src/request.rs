@@ -2,8 +2,8 @@
 
 use core::ffi::c_char;
 
-use motionette::text::words::MAX_PROMPT;
 use motionette::refining::Config;
+use motionette::text::words::MAX_PROMPT;
 use motionette::{Anchor, AnchorList, JOINTS, Prompt, Request, Source};
 
 use crate::error::{mtn_error, mtn_result};

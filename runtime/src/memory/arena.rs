@@ -179,7 +179,7 @@ mod tests {
         fn carve<'a>(arena: &mut Arena<'a>) -> Result<[&'a mut [f32]; 2], ArenaTooSmall> {
             let first = arena.take::<f32>(3)?;
             arena.overlay().take::<u16>(1000)?;
-            Ok([first, arena.part(40)?.take::<f32>(10)?])
+            Ok([first, arena.part(48)?.take::<f32>(10)?])
         }
         assert_eq!(Arena::measure(|arena| carve(arena)), 16 + 48);
         let mut memory = [0u128; 140];

@@ -32,7 +32,7 @@ impl<'a> Embedding<'a> {
 
     /// Adds row `row` to `x [width]`; a row that is not there adds nothing.
     pub fn add(&self, row: usize, x: &mut [f32]) {
-        let weights = part!(self.weights, row * self.width..(row + 1) * self.width);
+        let weights = self.weights.get(row * self.width..(row + 1) * self.width).unwrap_or(&[]);
         add_row((weights, self.scales.get(row).copied().unwrap_or(0.0)), x);
     }
 

@@ -74,7 +74,7 @@ impl<'a> Linear<'a> {
 
     /// Weights of `count` outputs from `first` on; none where they are out of range.
     fn rows(&self, first: usize, count: usize) -> &'a [u8] {
-        part!(self.weights, first * self.stride..(first + count) * self.stride)
+        self.weights.get(first * self.stride..(first + count) * self.stride).unwrap_or(&[])
     }
 
     /// Input channels.
@@ -99,8 +99,8 @@ impl<'a> Linear<'a> {
     #[must_use]
     pub fn part(&self, first: usize, count: usize) -> Linear<'a> {
         let weights = self.rows(first, count);
-        let scales = part!(self.scales, first..first + count);
-        let biases = part!(self.biases, first..first + count);
+        let scales = self.scales.get(first..first + count).unwrap_or(&[]);
+        let biases = self.biases.get(first..first + count).unwrap_or(&[]);
         Linear { weights, scales, biases, ..*self }
     }
 

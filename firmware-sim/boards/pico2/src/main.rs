@@ -25,7 +25,7 @@ use embassy_rp::flash::Flash;
 use embassy_rp::interrupt::{self, InterruptExt, Priority};
 use motionette::Model;
 use motionette::playback::output::{Gate, Pca9685};
-use motionette::playback::{Handles, Feeder, MotionQueue, Robot};
+use motionette::playback::{Feeder, Handles, MotionQueue, Robot};
 use motionette_link::thread::{self, JobHost, Note};
 use motionette_link::{DeviceState, Preset, SharedFlags, Store};
 use panic_probe as _;

@@ -10,13 +10,13 @@ use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::{
     blob::Aligned,
-    numerics::hash::Stream,
     kernels::{self, check},
     nn::{
         conv1d::{Conv1d, Rows, Shape},
         linear::{Linear, Weights},
         quantise, softmax,
     },
+    numerics::hash::Stream,
 };
 use semihosting::{println, process::exit};
 

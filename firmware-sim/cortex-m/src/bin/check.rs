@@ -13,8 +13,8 @@ use cortex_m as _;
 use cortex_m_rt::entry;
 use motionette::ROWS;
 use motionette::{
-    Anchor, AnchorList, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request, Stop,
-    Sampling, Source, StreamLimits, StreamPlan, generation::tokens as planning, refining::Config,
+    Anchor, AnchorList, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
+    Sampling, Source, Stop, StreamLimits, StreamPlan, generation::tokens as planning, refining::Config,
 };
 #[cfg(feature = "playback")]
 use motionette::{

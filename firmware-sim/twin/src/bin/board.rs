@@ -64,10 +64,11 @@ fn run(cli: &Cli) -> Result<()> {
     let preset = Preset::PICO2;
     let anchors = motionette_sim::standard_request::anchors();
     let anchors = anchors.by_frame(model.frame_rate())?;
-    let early: Vec<_> = anchors
-        .iter()
-        .map(|anchor| motionette::Anchor { frame: anchor.frame.min(preset.frames - 1), ..*anchor })
-        .collect();
+    // The same places, in the time that there is.
+    let longest = model.max_tokens() * model.frames_per_token();
+    let earlier = |frame: u16| (usize::from(frame) * usize::from(preset.frames) / longest) as u16;
+    let early: Vec<_> =
+        anchors.iter().map(|anchor| motionette::Anchor { frame: earlier(anchor.frame), ..*anchor }).collect();
     let request = Request::text(motionette_sim::standard_request::PROMPT).frames(preset.frames).steps(preset.steps);
     let config = motionette::refining::Config { evaluations: preset.evaluations, ..Default::default() };
     let request = request.through(&early).refined(config);
