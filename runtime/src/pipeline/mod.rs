@@ -24,7 +24,7 @@ use crate::log;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
 use crate::numerics::hash::Fnv;
-use crate::pipeline::plan::{Limits, Plan, ROWS, StreamLimits};
+use crate::pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits};
 use crate::refining::{self, Objective, SolverError};
 use crate::representation::humanml3d::{self, Features, Path, channels};
 use crate::request::conditions::AnchorSet;
@@ -132,13 +132,6 @@ impl<'a> Motion<'a> {
     }
 }
 
-/// A request that was checked against the model.
-struct Checked {
-    limits: Limits,
-    /// What it asks of the motion, planned with or not.
-    anchors: AnchorSet,
-}
-
 /// Makes motions of one model in one arena.
 #[derive(Debug)]
 pub struct Generator<'a> {
@@ -174,21 +167,30 @@ impl<'a> Generator<'a> {
     /// # Errors
     /// [`Error::Tokens`] when its length is not allowed, [`Error::Prompt`] or [`Error::Planning`] of a text, [`Error::Anchors`].
     pub fn plan(&self, request: &Request<'_>) -> Result<Plan, Error> {
-        Ok(Plan::for_request(&self.model, &self.check(request)?.limits)?)
+        let mut anchors = AnchorSet::EMPTY;
+        let limits = self.check(request, &mut anchors)?;
+        Ok(Plan::for_request(&self.model, &limits)?)
     }
 
-    /// Checks all of a request that can be checked before it runs.
-    fn check(&self, request: &Request<'_>) -> Result<Checked, Error> {
+    /// Checks all of a request that can be checked before it runs. Its anchors, planned with or not, come into `anchors`.
+    #[inline(never)]
+    fn check(&self, request: &Request<'_>, anchors: &mut AnchorSet) -> Result<Limits, Error> {
         let mut limits = self.limits(request)?;
         let frames = limits.tokens * self.model.frames_per_token();
-        let anchors = AnchorSet::of(request.anchors, self.model.frame_rate(), frames)?;
+        anchors.fill(request.anchors, self.model.frame_rate(), frames)?;
         if request.refinement.is_some() {
             limits.anchors = anchors.len();
         }
         if let Some(planning) = &mut limits.planning {
-            planning.anchors = request.planning.conditioned && self.seen(&anchors);
+            planning.anchors = request.planning.conditioned && self.seen(anchors);
         }
-        Ok(Checked { limits, anchors })
+        Ok(limits)
+    }
+
+    /// Arena bytes of requests inside `limits`.
+    #[inline(never)]
+    fn needed(&self, limits: &Limits) -> Result<usize, PlanError> {
+        Plan::for_request(&self.model, limits).map(|plan| plan.arena_bytes)
     }
 
     /// What the request takes without its anchors.
@@ -233,13 +235,15 @@ impl<'a> Generator<'a> {
     }
 
     fn run(&mut self, request: &Request<'_>, observer: &mut dyn Observer) -> Result<Motion<'_>, Error> {
-        let Checked { limits, anchors } = self.check(request)?;
+        let mut anchors = AnchorSet::EMPTY;
+        let limits = self.check(request, &mut anchors)?;
+        let needed = self.needed(&limits)?;
         let model = &self.model;
         let decoder = model.decoder();
 
         let mut arena = Arena::new(self.arena);
         // Nothing is planned that could not be decoded.
-        let (needed, available) = (Plan::for_request(model, &limits)?.arena_bytes, arena.available());
+        let available = arena.available();
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
         if needed > available {
             return Err(Error::Arena(ArenaTooSmall { needed, available }));

@@ -6,7 +6,7 @@
 //! token i is given); blocks with self-attention over all rows and cross-attention to the text memory;
 //! `h = LN x`, `logits_i = token h_{1+i} + bias`, the token embeddings once more.
 //!
-//! With anchors that condition it ([`super::control`]), self-attention reads their keys and values beside its own, and what they tell
+//! With anchors that condition it ([`crate::conditioning::anchor_kv`]), self-attention reads their keys and values beside its own, and what they tell
 //! a row joins its sum as the last term. Without them nothing is added and nothing read: the bits are those of a planner that
 //! knows no anchors.
 

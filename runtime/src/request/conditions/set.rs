@@ -186,6 +186,18 @@ impl AnchorSet {
     /// anchor, then the count of distinct anchors.
     pub fn of(anchors: AnchorList<'_>, frame_rate: u16, frames: usize) -> Result<Self, AnchorError> {
         let mut set = Self::EMPTY;
+        set.fill(anchors, frame_rate, frames)?;
+        Ok(set)
+    }
+
+    /// The same into a set that lies where it is wanted already: it is too large to be handed on the stack from frame to frame.
+    ///
+    /// # Errors
+    /// Those of [`AnchorSet::of`].
+    #[inline(never)]
+    pub(crate) fn fill(&mut self, anchors: AnchorList<'_>, frame_rate: u16, frames: usize) -> Result<(), AnchorError> {
+        let set = self;
+        set.len = 0;
         let mut index = 0;
         while let Some(anchor) = anchors.get(index, frame_rate) {
             let new = Observed::new(index, &anchor?);
@@ -203,8 +215,7 @@ impl AnchorSet {
             }
             index += 1;
         }
-        anchors.check_length()?;
-        Ok(set)
+        anchors.check_length()
     }
 
     /// Insertion in order; the caller has made sure that there is room.
