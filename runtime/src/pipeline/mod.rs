@@ -292,6 +292,7 @@ impl<'a> Generator<'a> {
             peak = peak.max(overlay.used());
             let objective = Objective::new(&anchors, &config);
             let selected = channels(objective.joints());
+            invariant!(features.len() >= 2 * frames * selected.count());
             let (values, gradient) = features.split_at_mut_checked(frames * selected.count()).unwrap_or_default();
             let mut map = DecoderMap {
                 model,

@@ -90,10 +90,10 @@ impl Plan {
         let token_bytes = Arena::measure(|arena| buffers::tokens(model, limits, arena));
         let solver_bytes = Arena::measure(|arena| buffers::solver(model, limits, arena));
         let rotation_bytes = Arena::measure(|arena| buffers::rotation_rows(model, limits, arena));
-        let (mut decoding, mut arena) = (buffers::Bytes::default(), Arena::measuring());
-        if let Ok(taken) = Decoding::take(model, limits, &mut arena) {
-            decoding = taken.bytes;
-        }
+        let mut arena = Arena::measuring();
+        let taken = Decoding::take(model, limits, &mut arena);
+        invariant!(taken.is_ok(), "an arena that measures refuses nothing");
+        let decoding = taken.map_or(buffers::Bytes::default(), |taken| taken.bytes);
         let (mut planning, mut planning_macs) = (planning::Bytes::default(), 0);
         if let (Some(planned), Some(modules)) = (&limits.planning, model.planning()) {
             planning = modules.bytes(limits.tokens, planned, limits.rows);

@@ -32,12 +32,11 @@ struct Finishing<'w, 'o> {
 impl Finishing<'_, '_> {
     fn ask(&mut self) -> ControlFlow<Stop> {
         let flow = self.watch.ask();
-        self.wanted |= flow == ControlFlow::Break(Stop::Finish);
-        if self.wanted && !self.ready && flow != ControlFlow::Break(Stop::Abort) {
-            ControlFlow::Continue(())
-        } else {
-            flow
+        if flow != ControlFlow::Break(Stop::Finish) {
+            return flow;
         }
+        self.wanted = true;
+        if self.ready { flow } else { ControlFlow::Continue(()) }
     }
 }
 

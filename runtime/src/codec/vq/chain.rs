@@ -49,6 +49,7 @@ impl<'s> Tails<'s> {
 
 /// Takes the first `count` values.
 fn front<'s, T>(rest: &mut &'s mut [T], count: usize) -> &'s mut [T] {
+    invariant!(rest.len() >= count, "{count} of {} values of the tails", rest.len());
     let (taken, others) = core::mem::take(rest).split_at_mut_checked(count).unwrap_or_default();
     *rest = others;
     taken

@@ -5,7 +5,7 @@ use super::tmd::{self, Tmd};
 use super::transformer::Planner;
 use crate::codec::codebook::Codebooks;
 use crate::memory::{Arena, ArenaTooSmall};
-use crate::nn::block::{Scratch, Sizes};
+use crate::nn::block::Scratch;
 use crate::numerics::hash::Stream;
 
 /// Positions whose logits are computed together: those of more would take more memory than a pass.
@@ -65,12 +65,6 @@ pub struct Logits<'l, 'b, 's> {
     planner: &'l Planner<'b>,
     /// Hidden rows, `[L][d]`.
     rows: &'l [f32],
-    buffers: Buffers<'s>,
-}
-
-/// What logits are computed in.
-#[derive(Debug)]
-struct Buffers<'s> {
     scratch: Scratch<'s>,
     /// `[TOGETHER][V]`
     block: &'s mut [f32],
@@ -82,19 +76,18 @@ impl<'l, 'b, 's> Logits<'l, 'b, 's> {
     /// # Errors
     /// [`ArenaTooSmall`].
     pub(super) fn new(planner: &'l Planner<'b>, rows: &'l [f32], arena: &mut Arena<'s>) -> Result<Self, ArenaTooSmall> {
-        let sizes: Sizes = planner.logits_sizes(TOGETHER);
-        let scratch = Scratch::new(arena, &sizes)?;
+        let scratch = Scratch::new(arena, &planner.logits_sizes(TOGETHER))?;
         let block = arena.take(TOGETHER * planner.codes())?;
-        Ok(Logits { planner, rows, buffers: Buffers { scratch, block } })
+        Ok(Logits { planner, rows, scratch, block })
     }
 
     /// Hands position and logits `[V]` of every position to `take`, in order; it may overwrite them.
     pub fn each(&mut self, mut take: impl FnMut(usize, &mut [f32])) {
-        let (width, codes) = (self.planner.width().max(1), self.planner.codes().max(1));
-        let Buffers { scratch, block } = &mut self.buffers;
-        for (index, rows) in self.rows.chunks(TOGETHER * width).enumerate() {
+        let Logits { planner, rows, scratch, block } = self;
+        let (width, codes) = (planner.width().max(1), planner.codes().max(1));
+        for (index, rows) in rows.chunks(TOGETHER * width).enumerate() {
             let block = part_mut!(block, ..rows.len() / width * codes);
-            self.planner.logits(rows, block, scratch);
+            planner.logits(rows, block, scratch);
             for (i, logits) in block.chunks_exact_mut(codes).enumerate() {
                 take(index * TOGETHER + i, logits);
             }
@@ -103,7 +96,7 @@ impl<'l, 'b, 's> Logits<'l, 'b, 's> {
 
     /// The buffer of the first position's logits, `[V]`, as [`Logits::each`] left it.
     pub(super) fn first(self) -> &'s [f32] {
-        part!(self.buffers.block, ..self.planner.codes())
+        part!(self.block, ..self.planner.codes())
     }
 }
 
