@@ -9,6 +9,7 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
+use motionette::codec::Decode;
 use motionette::generation::tokens::{Limits, Session};
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;

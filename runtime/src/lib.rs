@@ -19,8 +19,10 @@
 //! - [`conditioning`]: anchors as a planner sees them: scaffold, its encoder, keys and values. Knows anchors and networks.
 //! - [`generation`]: a family of generators each. [`generation::tokens`]: transformer, session and samplers
 //!   ([`generation::tokens::TokenSampler`] is the seam for another one). Does not know what a token moves.
-//! - [`codec`]: tokens to features of the representation, and the gradient back. Knows nothing of anchors.
-//! - [`representation`]: features to joints, and the gradient back; the skeleton. Knows no generator.
+//! - [`codec`]: tokens to features of the representation, and the gradient back ([`codec::Decode`] is the seam). Knows nothing of
+//!   anchors.
+//! - [`representation`]: features to joints, and the gradient back ([`representation::Recover`] is the seam); the skeleton. Knows
+//!   neither generator nor networks.
 //! - [`refining`]: the anchor solver: an objective of terms, a basis, methods. Knows a differentiable [`refining::MotionMap`], not the
 //!   decoder behind it.
 //! - [`playback`]: motions onto servos: inverse kinematics, fades, limits, outputs, a verified start. Knows joints and frames, not how
@@ -30,6 +32,7 @@
 //! - [`model`]: a blob opened and resolved to its rooms, each checked on its own. After [`Model::open`] nothing about it can fail.
 //! - [`blob`]: the model file: format, manifest, checked zero-copy views.
 //! - [`memory`]: the one allocator over the caller's bytes; the same declarations, measured, are the plan.
+//! - [`channels`]: which features are wanted, the one word that codec and representation share.
 //! - [`numerics`]: angles, hashes, the seeded random stream. [`stop`]: the one way to end work before its time.
 //!
 //! # Example
@@ -81,6 +84,7 @@ compile_error!("motionette reads little-endian weights in place; big-endian targ
 mod invariant;
 
 pub mod blob;
+pub mod channels;
 pub mod codec;
 pub mod conditioning;
 pub mod generation;

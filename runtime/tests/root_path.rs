@@ -1,6 +1,7 @@
 //! The root's path over a long time: heading against f64, in pieces against whole.
 
-use motionette::representation::humanml3d::{Features, Path, ROOT_CHANNELS, Root, channels};
+use motionette::representation::humanml3d::{Path, ROOT_CHANNELS, Recovery, Root, channels};
+use motionette::representation::{Features, Recover};
 
 /// Frames of ten hours.
 const FRAMES: usize = 10 * 3600 * 20;
@@ -18,11 +19,12 @@ fn slow_and_fast_turns_survive_ten_hours() {
     // Half angles a frame: a turn in a day, in ten minutes, in four seconds, and the other way round.
     for yaw in [3.6e-6f32, 2.6e-4, 0.039, -0.039, -2.6e-4] {
         let values = [yaw, 0.01, 0.02, 0.0].repeat(1000);
-        let features = Features { values: &values, channels: &selected, mean: &mean, std: &std };
+        let features = Features { values: &values, channels: &selected };
+        let recovery = Recovery { mean: &mean, std: &std };
         let mut root = Root::default();
         let mut worst = 0.0f64;
         for block in 0..FRAMES / 1000 {
-            features.integrate_from(&mut root, &mut path(&mut buffers));
+            recovery.integrate_from(features, &mut root, &mut path(&mut buffers));
             for (frame, (cos, sin)) in buffers[0].iter().zip(&buffers[1]).enumerate() {
                 let heading = 2.0 * f64::from(yaw) * (block * 1000 + frame) as f64;
                 let error = f64::from(*sin).atan2(f64::from(*cos)) - heading;
@@ -42,15 +44,16 @@ fn pieces_give_the_bits_of_the_whole_beyond_a_turn() {
     let (mean, std) = ([0.1f32, 0.0, 0.01, 0.9], [0.5f32, 0.02, 0.03, 0.1]);
     let mut random = motionette::numerics::hash::Stream::new(4);
     let values: Vec<f32> = (0..200 * ROOT_CHANNELS).map(|_| random.unit() - 0.3).collect();
-    let features = |values| Features { values, channels: &selected, mean: &mean, std: &std };
+    let features = |values| Features { values, channels: &selected };
+    let recovery = Recovery { mean: &mean, std: &std };
     let mut whole: [Vec<f32>; 4] = std::array::from_fn(|_| vec![0.0; 200]);
-    features(&values).integrate(&mut path(&mut whole));
+    recovery.integrate(features(&values), &mut path(&mut whole));
     for length in [1usize, 3, 16, 77] {
         let mut root = Root::default();
         let mut pieces: [Vec<f32>; 4] = Default::default();
         for values in values.chunks(length * ROOT_CHANNELS) {
             let mut buffers: [Vec<f32>; 4] = std::array::from_fn(|_| vec![0.0; values.len() / ROOT_CHANNELS]);
-            features(values).integrate_from(&mut root, &mut path(&mut buffers));
+            recovery.integrate_from(features(values), &mut root, &mut path(&mut buffers));
             for (all, piece) in pieces.iter_mut().zip(&buffers) {
                 all.extend(piece);
             }

@@ -1,10 +1,12 @@
 //! Input gradients of the runtime's decoder and recovery against central differences of the f64 oracle.
 
 use motionette::Model;
+use motionette::codec::Decode;
 use motionette::codec::vq::decoder::ChunkShape;
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
-use motionette::representation::humanml3d::{Features, Path, channels};
+use motionette::representation::humanml3d::{Path, channels};
+use motionette::representation::{Features, Recover};
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};
@@ -41,12 +43,12 @@ fn runtime_gradient(model: &Model<'_>, u: &[f32], terms: &[Term], rows: usize) -
     let gradient = take(frames * selected.count());
     let mut check = || ControlFlow::Continue(());
     assert!(decoder.forward(u, &selected, values, &mut work, &mut check).is_continue());
-    let features = Features { values, channels: &selected, mean: model.mean(), std: model.std() };
-    features.integrate(&mut path);
+    let (features, recovery) = (Features { values, channels: &selected }, model.recovery());
+    recovery.integrate(features, &mut path);
     for term in terms {
-        features.add_gradient(&mut path, gradient, term.joint, term.frame, term.d);
+        recovery.add_gradient(features, &mut path, gradient, (term.joint, term.frame), term.d);
     }
-    features.integrate_gradient(&path, gradient);
+    recovery.integrate_gradient(features, &path, gradient);
     let mut du = vec![0.0; u.len()];
     assert!(decoder.backward(gradient, &selected, &mut du, &mut work, &mut check).is_continue());
     du

@@ -7,8 +7,9 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use motionette::ROWS;
+use motionette::channels::Channels;
+use motionette::codec::Decode;
 use motionette::codec::codebook::Codebooks;
-use motionette::nn::output::Channels;
 use motionette::{Limits, Model, Plan, Request, memory::Arena};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint;

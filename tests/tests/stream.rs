@@ -1,9 +1,11 @@
 //! A motion decoded in segments against the same motion decoded whole: every bit equal, however it is cut; exactly the
 //! arena that is planned; interrupted anywhere.
 
+use motionette::codec::Decode;
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
-use motionette::representation::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
+use motionette::representation::humanml3d::{POSITION_CHANNELS, Path, channels};
+use motionette::representation::{Features, Recover};
 use motionette::{
     Error, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, ROWS, Request, Stop, StreamLimits,
     StreamPlan,
@@ -63,9 +65,9 @@ fn whole_of_any_length(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
     model.codebooks().embed(tokens, &mut u).unwrap();
     let mut values = vec![0.0; frames * all.count()];
     assert!(decoder.forward(&u, &all, &mut values, &mut work, &mut || ControlFlow::Continue(())).is_continue());
-    let features = Features { values: &values, channels: &all, mean: model.mean(), std: model.std() };
-    features.integrate(&mut path);
-    joints(&mut values, &path, model.mean(), model.std()).iter().map(|v| v.to_bits()).collect()
+    let features = Features { values: &values, channels: &all };
+    model.recovery().integrate(features, &mut path);
+    model.recovery().joints(&mut values, &path).iter().map(|v| v.to_bits()).collect()
 }
 
 /// Takes all frames that are to be had.

@@ -1,10 +1,12 @@
 //! A motion planned piece by piece: each segment is what a request with its context given would make, seams are no rougher
 //! than the rest, and the observer may stop it anywhere.
 
+use motionette::codec::Decode;
 use motionette::generation::tokens::{self as planning, PlanningError};
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
-use motionette::representation::humanml3d::{Features, POSITION_CHANNELS, Path, channels, joints};
+use motionette::representation::humanml3d::{POSITION_CHANNELS, Path, channels};
+use motionette::representation::{Features, Recover};
 use motionette::{
     Error, Fixed, Frame, Generator, JOINTS, Length, Limits, Model, MotionStream, Observer, Plan, Planning, Progress,
     ROWS, Request, Segment, Stage, Stop, StreamLimits, StreamPlan,
@@ -408,12 +410,12 @@ fn forgetful(model: &Model<'_>, tokens: &[u16]) -> Vec<Frame> {
         assert!(decoder.forward(&u, &all, &mut piece, &mut work, &mut || ControlFlow::Continue(())).is_continue());
         values.extend(piece);
     }
-    let features = Features { values: &values, channels: &all, mean: model.mean(), std: model.std() };
+    let features = Features { values: &values, channels: &all };
     let mut buffers: [Vec<f32>; 4] = std::array::from_fn(|_| vec![0.0; tokens.len() * per_token]);
     let [cos, sin, x, z] = &mut buffers;
     let mut path = Path { cos, sin, x, z, d_angle: &mut [], d_x: &mut [], d_z: &mut [] };
-    features.integrate(&mut path);
-    bytemuck::cast_slice(joints(&mut values, &path, model.mean(), model.std())).to_vec()
+    model.recovery().integrate(features, &mut path);
+    bytemuck::cast_slice(model.recovery().joints(&mut values, &path)).to_vec()
 }
 
 fn all_frames(stream: &mut MotionStream<'_, '_>, frames: &mut Vec<Frame>) {

@@ -1,7 +1,7 @@
 //! The checkpoints as the other libraries take them: chosen channels, planner inputs, and what the reference makes of them.
 
 use anyhow::{Context, Result};
-use motionette::nn::output::Channels;
+use motionette::channels::Channels;
 use motionette::numerics::hash::Stream;
 use motionette_host::checkpoint::prior::{Embedding, PriorCheckpoint, TIMES};
 use motionette_host::checkpoint::{self, Conv1d, TokenizerCheckpoint};

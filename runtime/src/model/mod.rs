@@ -19,6 +19,7 @@ use crate::codec::vq::decoder::Decoder;
 use crate::conditioning::scaffold_encoder::Timing;
 use crate::generation::tokens::session::Modules;
 use crate::generation::tokens::{Control, Planner};
+use crate::representation::humanml3d::Recovery;
 use crate::text::Text;
 
 /// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
@@ -170,6 +171,12 @@ impl<'a> Model<'a> {
     #[must_use]
     pub const fn std(&self) -> &'a [f32] {
         self.std
+    }
+
+    /// How joints are recovered from the features.
+    #[must_use]
+    pub const fn recovery(&self) -> Recovery<'a> {
+        Recovery { mean: self.mean, std: self.std }
     }
 
     /// Token embeddings.

@@ -1,65 +1,63 @@
-//! The road from embeddings to joints that the solver works through.
+//! The road from embeddings to joints that the solver works through, whatever decodes and whatever the features mean.
 
 use super::observer::Watch;
-use crate::codec::vq::decoder::Workspace;
-use crate::model::Model;
-use crate::nn::output::Channels;
+use crate::channels::Channels;
+use crate::codec::Decode;
 use crate::refining::{ControlError, MotionMap, TokenGrid};
-use crate::representation::humanml3d::{Features, Path};
+use crate::representation::{Features, Recover};
 use crate::stop::Stop;
 use core::ops::ControlFlow;
 
-/// The decoder and the recovery of joints as the solver sees them.
-pub(super) struct DecoderMap<'s, 'm, 'w, 'o> {
-    /// The model.
-    pub model: &'s Model<'m>,
+/// A decoder and the recovery of joints as the solver sees them.
+pub(super) struct DecoderMap<'s, 'w, 'o, C: Decode, R: Recover> {
+    /// Embeddings to features.
+    pub decoder: &'s C,
+    /// Features to joints.
+    pub recovery: R,
     /// Feature channels that the objective's joints depend on.
     pub channels: &'s Channels,
     /// Normalised features `[T][C]`.
     pub values: &'s mut [f32],
-    /// Their gradient `[T][C]`.
+    /// Their gradient `[T][C]`, or more room.
     pub gradient: &'s mut [f32],
-    /// Root path and its gradient.
-    pub path: &'s mut Path<'w>,
+    /// What is integrated over the motion, and its gradient.
+    pub path: &'s mut R::Path<'w>,
     /// The decoder's buffers.
-    pub work: &'s mut Workspace<'w>,
+    pub work: &'s mut C::Workspace<'w>,
     /// Asked at layer boundaries.
     pub watch: Watch<'o>,
     /// Tokens of the motion.
     pub tokens: usize,
-    /// False when the last point lay where the model guarantees nothing; its positions are infinite then.
+    /// Largest magnitude of an embedding's numbers for which the model guarantees anything.
+    pub limit: f32,
+    /// False when the last point lay beyond; its positions are infinite then.
     pub in_range: bool,
 }
 
-impl DecoderMap<'_, '_, '_, '_> {
+impl<C: Decode, R: Recover> DecoderMap<'_, '_, '_, C, R> {
     fn features(&self) -> Features<'_> {
-        Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() }
+        Features { values: self.values, channels: self.channels }
     }
 }
 
-impl MotionMap for DecoderMap<'_, '_, '_, '_> {
+impl<C: Decode, R: Recover> MotionMap for DecoderMap<'_, '_, '_, C, R> {
     fn grid(&self) -> TokenGrid {
-        TokenGrid { tokens: self.tokens, frames_per_token: self.model.frames_per_token() }
+        TokenGrid { tokens: self.tokens, frames_per_token: self.decoder.frames_per_token() }
     }
 
     fn width(&self) -> usize {
-        self.model.decoder().code_width()
+        self.decoder.code_width()
     }
 
     fn forward(&mut self, u: &[f32]) -> ControlFlow<Stop> {
         self.watch.evaluation = self.watch.evaluation.saturating_add(1);
-        let limit = self.model.embedding_limit();
-        self.in_range = u.iter().all(|v| v.abs() <= limit);
+        self.in_range = u.iter().all(|v| v.abs() <= self.limit);
         if !self.in_range {
             return self.watch.ask();
         }
-        let (decoder, channels) = (self.model.decoder(), self.channels);
-        let (values, work) = (&mut *self.values, &mut *self.work);
         let watch = &mut self.watch;
-        decoder.forward(u, channels, values, work, &mut || watch.ask())?;
-        let features =
-            Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
-        features.integrate(self.path);
+        self.decoder.forward(u, self.channels, self.values, self.work, &mut || watch.ask())?;
+        self.recovery.integrate(Features { values: self.values, channels: self.channels }, self.path);
         ControlFlow::Continue(())
     }
 
@@ -68,31 +66,27 @@ impl MotionMap for DecoderMap<'_, '_, '_, '_> {
     }
 
     fn position(&self, joint: u8, frame: usize) -> [f32; 3] {
-        if self.in_range { self.features().position(self.path, usize::from(joint), frame) } else { [f32::INFINITY; 3] }
+        if !self.in_range {
+            return [f32::INFINITY; 3];
+        }
+        self.recovery.position(self.features(), self.path, usize::from(joint), frame)
     }
 
     fn clear_gradient(&mut self) {
         self.gradient.fill(0.0);
-        self.path.d_angle.fill(0.0);
-        self.path.d_x.fill(0.0);
-        self.path.d_z.fill(0.0);
+        self.recovery.clear_gradient(self.path);
     }
 
     fn add_gradient(&mut self, joint: u8, frame: usize, d: [f32; 3]) {
-        let features =
-            Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
-        features.add_gradient(self.path, self.gradient, usize::from(joint), frame, d);
+        let features = Features { values: self.values, channels: self.channels };
+        self.recovery.add_gradient(features, self.path, self.gradient, (usize::from(joint), frame), d);
     }
 
     fn backward(&mut self, du: &mut [f32]) -> ControlFlow<Stop> {
-        let features =
-            Features { values: self.values, channels: self.channels, mean: self.model.mean(), std: self.model.std() };
-        let used = self.values.len();
-        let gradient = part_mut!(self.gradient, ..used);
-        features.integrate_gradient(self.path, gradient);
-        let (decoder, channels, work) = (self.model.decoder(), self.channels, &mut *self.work);
-        let gradient = &*gradient;
+        let gradient = part_mut!(self.gradient, ..self.values.len());
+        let features = Features { values: self.values, channels: self.channels };
+        self.recovery.integrate_gradient(features, self.path, gradient);
         let watch = &mut self.watch;
-        decoder.backward(gradient, channels, du, work, &mut || watch.ask())
+        self.decoder.backward(gradient, self.channels, du, self.work, &mut || watch.ask())
     }
 }

@@ -10,6 +10,8 @@ mod plan_tokens;
 mod request;
 mod rotations;
 pub(crate) mod stream;
+#[cfg(test)]
+mod tests;
 
 pub use error::Error;
 pub use observer::{Observer, Progress, Stage};
@@ -18,6 +20,7 @@ pub use stream::{Frame, MotionStream, Segment};
 
 use crate::JOINTS;
 pub use crate::blob::SELF_TEST_NUMBERS;
+use crate::codec::Decode;
 use crate::generation::tokens::session::Modules;
 use crate::generation::tokens::{self as planning, PlanningError};
 use crate::log;
@@ -26,7 +29,8 @@ use crate::model::Model;
 use crate::numerics::hash::Fnv;
 use crate::pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits};
 use crate::refining::{self, Objective, SolverError};
-use crate::representation::humanml3d::{self, Features, Path, channels};
+use crate::representation::humanml3d::{Path, channels};
+use crate::representation::{Features, Recover};
 use crate::request::conditions::AnchorSet;
 use crate::request::prompt::PromptStats;
 use buffers::{Decoding, rotation_columns};
@@ -295,7 +299,8 @@ impl<'a> Generator<'a> {
             invariant!(features.len() >= 2 * frames * selected.count());
             let (values, gradient) = features.split_at_mut_checked(frames * selected.count()).unwrap_or_default();
             let mut map = DecoderMap {
-                model,
+                decoder,
+                recovery: model.recovery(),
                 channels: &selected,
                 values,
                 gradient,
@@ -303,6 +308,7 @@ impl<'a> Generator<'a> {
                 work: &mut work,
                 watch: Watch { observer, stage: Stage::Refining, evaluation: 0, evaluations: config.evaluations },
                 tokens: made.tokens,
+                limit: model.embedding_limit(),
                 in_range: true,
             };
             refinement = match refining::solve(&mut map, u, &objective, &config, scratch) {
@@ -325,11 +331,12 @@ impl<'a> Generator<'a> {
         if decoder.forward(u, &all, values, &mut work, &mut || watch.ask_at_the_end()).is_break() {
             return Err(Error::Aborted);
         }
-        let (mean, std) = (model.mean(), model.std());
-        Features { values, channels: &all, mean, std }.integrate(&mut path);
-        let joints = humanml3d::joints(values, &path, mean, std);
+        let recovery = model.recovery();
+        recovery.integrate(Features { values, channels: &all }, &mut path);
+        let joints = recovery.joints(values, &path);
         let Path { cos, sin, .. } = path;
-        let rotations = Rotations { output: decoder.output(), rows: work.kept(), mean, std, cos, sin };
+        let rotations =
+            Rotations { output: decoder.output(), rows: work.kept(), mean: model.mean(), std: model.std(), cos, sin };
         let arena_used = if peak > arena.used() { peak } else { arena.used() };
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
         let Planned { heard, .. } = made;

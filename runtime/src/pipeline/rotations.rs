@@ -1,8 +1,9 @@
 //! A motion's own joint rotations, computed when they are asked for.
 
 use super::buffers::rotation_columns;
+use crate::channels::Channels;
 use crate::nn::conv1d::Rows;
-use crate::nn::output::{Channels, Output, Scratch};
+use crate::nn::output::{Output, Scratch};
 use crate::representation::Pose;
 use crate::representation::rotations::{CHANNELS, FIRST, turned};
 

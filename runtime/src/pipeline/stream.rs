@@ -12,7 +12,8 @@ use crate::log;
 use crate::memory::{Arena, ArenaTooSmall, bytes_of};
 use crate::model::{MAX_TOKENS, Model};
 use crate::pipeline::plan::{StreamLimits, StreamPlan};
-use crate::representation::humanml3d::{self, Features, POSITION_CHANNELS, Path, Root, channels};
+use crate::representation::Features;
+use crate::representation::humanml3d::{POSITION_CHANNELS, Path, Root, channels};
 use crate::request::prompt::PromptStats;
 use core::ops::ControlFlow;
 use heapless::Vec;
@@ -396,9 +397,9 @@ impl MotionStream<'_, '_> {
         self.memory.queued = self.memory.queued.saturating_sub(self.chunk);
         self.held = (self.held + self.chunk * self.model.frames_per_token()).saturating_sub(frames);
 
-        let (mean, std) = (self.model.mean(), self.model.std());
-        Features { values, channels: &all, mean, std }.integrate_from(&mut self.root, &mut self.path);
-        let joints = humanml3d::joints(values, &self.path, mean, std);
+        let recovery = self.model.recovery();
+        recovery.integrate_from(Features { values, channels: &all }, &mut self.root, &mut self.path);
+        let joints = recovery.joints(values, &self.path);
         Ok(Some(bytemuck::try_cast_slice(joints).unwrap_or(&[])))
     }
 }

@@ -4,9 +4,10 @@
 //! (x cos th - z sin th, x sin th + z cos th)`:
 //! `p_xz[t] = sum_{s<t} R(th[s+1]) v[s]`, `p_y[t] = h[t]`, `joint_j[t] = R(th[t]) local_j[t] + (p_x, 0, p_z)[t]`.
 
+use super::{Features, Recover};
 use crate::JOINTS;
+use crate::channels::Channels;
 use crate::memory::{Arena, ArenaTooSmall};
-use crate::nn::output::Channels;
 use crate::numerics::angle::sin_cos;
 use core::f32::consts::PI;
 
@@ -125,162 +126,179 @@ fn within_a_turn(angle: f32) -> f32 {
     if angle.abs() > PI { libm::fmodf(angle, PI) } else { angle }
 }
 
-/// Normalised features of some channels and what undoes the normalisation.
+/// What undoes the normalisation of the features, and thereby recovers joints from them.
+///
+/// Of the features' channels the root's come first.
 #[derive(Debug, Clone, Copy)]
-pub struct Features<'a> {
-    /// `[T][C]`
-    pub values: &'a [f32],
-    /// The `C` channels; the root's come first.
-    pub channels: &'a Channels,
+pub struct Recovery<'a> {
     /// `[F]`
     pub mean: &'a [f32],
     /// `[F]`
     pub std: &'a [f32],
 }
 
-/// Positions of all joints, `[T][22][3]`, metres, in the place of the normalised features of all their channels, `values [T][C]`.
-pub fn joints<'v>(values: &'v mut [f32], path: &Path<'_>, mean: &[f32], std: &[f32]) -> &'v mut [f32] {
-    let all = channels(u32::MAX);
-    let features = Features { values: &[], channels: &all, mean, std };
-    let frames = values.len() / features.width();
-    for frame in 0..frames {
-        let mut row = [0.0; POSITION_CHANNELS];
-        for (to, from) in row.iter_mut().zip(values.iter().skip(frame * features.width())) {
-            *to = *from;
-        }
-        // A frame's joints are no more numbers than its features, so none is overwritten that is still to be read.
-        for (joint, to) in values.chunks_exact_mut(3).skip(frame * JOINTS).take(JOINTS).enumerate() {
-            for (to, from) in to.iter_mut().zip(features.placed(&row, path, joint, frame)) {
-                *to = from;
-            }
-        }
-    }
-    values.get_mut(..frames * 3 * JOINTS).unwrap_or(&mut [])
+/// A number that is there by construction.
+fn at(values: &[f32], index: usize) -> f32 {
+    let value = values.get(index);
+    invariant!(value.is_some(), "number {index} of {}", values.len());
+    value.copied().unwrap_or(0.0)
 }
 
-/// Scale and offset of one channel.
-fn constants(mean: &[f32], std: &[f32], channel: usize) -> (f32, f32) {
-    (std.get(channel).copied().unwrap_or(0.0), mean.get(channel).copied().unwrap_or(0.0))
+/// The same, to be added to.
+fn add(values: &mut [f32], index: usize, d: f32) {
+    invariant!(index < values.len(), "number {index} of {}", values.len());
+    if let Some(value) = values.get_mut(index) {
+        *value += d;
+    }
 }
 
-impl Features<'_> {
-    fn width(&self) -> usize {
-        self.channels.count().max(1)
+fn width(channels: &Channels) -> usize {
+    channels.count().max(1)
+}
+
+fn row(features: Features<'_>, frame: usize) -> &[f32] {
+    features.values.get(frame * width(features.channels)..).unwrap_or(&[])
+}
+
+impl Recovery<'_> {
+    /// Scale and offset of one channel.
+    fn constants(&self, channel: usize) -> (f32, f32) {
+        (at(self.std, channel), at(self.mean, channel))
     }
 
+    /// A root channel of a frame.
     fn root(&self, row: &[f32], channel: usize) -> f32 {
-        let (std, mean) = constants(self.mean, self.std, channel);
-        row.get(channel).copied().unwrap_or(0.0) * std + mean
-    }
-
-    /// Integrates the root from the start of a motion: fills `path`'s angle and position of every frame.
-    pub fn integrate(&self, path: &mut Path<'_>) {
-        self.integrate_from(&mut Root::default(), path);
+        let (std, mean) = self.constants(channel);
+        at(row, channel) * std + mean
     }
 
     /// Integrates the root from `root`, which stands where the first of these frames does, and moves it on to the frame
     /// behind the last: pieces of a motion in turn give the bits of the whole.
-    pub fn integrate_from(&self, root: &mut Root, path: &mut Path<'_>) {
+    pub fn integrate_from(&self, features: Features<'_>, root: &mut Root, path: &mut Path<'_>) {
         let out = path.cos.iter_mut().zip(path.sin.iter_mut()).zip(path.x.iter_mut().zip(path.z.iter_mut()));
-        for (row, ((cos, sin), (x, z))) in self.values.chunks_exact(self.width()).zip(out) {
+        for (row, ((cos, sin), (x, z))) in features.values.chunks_exact(width(features.channels)).zip(out) {
             (*cos, *sin, *x, *z) = (root.cos, root.sin, root.x, root.z);
             root.step(self.root(row, YAW), self.root(row, VELOCITY_X), self.root(row, VELOCITY_Z));
         }
     }
 
-    fn row(&self, frame: usize) -> &[f32] {
-        self.values.get(frame * self.width()..).unwrap_or(&[])
+    /// Positions of all joints, `[T][22][3]`, metres, in the place of the normalised features of all their channels, `values [T][C]`.
+    pub fn joints<'v>(&self, values: &'v mut [f32], path: &Path<'_>) -> &'v mut [f32] {
+        let all = channels(u32::MAX);
+        let width = width(&all);
+        let frames = values.len() / width;
+        for frame in 0..frames {
+            let mut row = [0.0; POSITION_CHANNELS];
+            for (to, from) in row.iter_mut().zip(values.iter().skip(frame * width)) {
+                *to = *from;
+            }
+            // A frame's joints are no more numbers than its features, so none is overwritten that is still to be read.
+            for (joint, to) in values.chunks_exact_mut(3).skip(frame * JOINTS).take(JOINTS).enumerate() {
+                for (to, from) in to.iter_mut().zip(self.placed(&row, &all, path, joint, frame)) {
+                    *to = from;
+                }
+            }
+        }
+        part_mut!(values, ..frames * 3 * JOINTS)
     }
 
-    /// Local position of `joint >= 1` in the frame of that row, metres, in the root's frame.
-    fn local(&self, row: &[f32], joint: usize) -> Option<[f32; 3]> {
+    /// Local position of `joint >= 1` in the frame of that row, metres, in the root's frame. `None`: its channels were not selected.
+    fn local(&self, row: &[f32], channels: &Channels, joint: usize) -> Option<[f32; 3]> {
         let channel = local_channel(joint);
-        let column = self.channels.position(channel)?;
+        let column = channels.position(channel)?;
         let values = row.get(column..column + 3)?;
         let mut local = [0.0; 3];
         for (axis, (to, from)) in local.iter_mut().zip(values).enumerate() {
-            let (std, mean) = constants(self.mean, self.std, channel + axis);
+            let (std, mean) = self.constants(channel + axis);
             *to = *from * std + mean;
         }
         Some(local)
     }
 
-    /// Position of a joint, metres. A joint whose channels were not selected, or a frame out of range, gives zeros.
-    #[must_use]
-    pub fn position(&self, path: &Path<'_>, joint: usize, frame: usize) -> [f32; 3] {
-        self.placed(self.row(frame), path, joint, frame)
-    }
-
-    /// The same with the frame's features in `row`.
-    fn placed(&self, row: &[f32], path: &Path<'_>, joint: usize, frame: usize) -> [f32; 3] {
+    /// Position of a joint with the frame's features in `row`.
+    fn placed(&self, row: &[f32], channels: &Channels, path: &Path<'_>, joint: usize, frame: usize) -> [f32; 3] {
         let (Some(&x), Some(&z)) = (path.x.get(frame), path.z.get(frame)) else { return [0.0; 3] };
         if joint == 0 {
             return [x, self.root(row, HEIGHT), z];
         }
-        let (Some(&cos), Some(&sin)) = (path.cos.get(frame), path.sin.get(frame)) else { return [0.0; 3] };
-        let Some([lx, ly, lz]) = self.local(row, joint) else { return [0.0; 3] };
+        let (cos, sin) = (at(path.cos, frame), at(path.sin, frame));
+        let Some([lx, ly, lz]) = self.local(row, channels, joint) else { return [0.0; 3] };
         [lx * cos - lz * sin + x, ly, lx * sin + lz * cos + z]
     }
+}
 
-    /// Adds `d = dJ/dposition` of a joint: local channels go into `g [T][C]` at once (normalised), the root's share
-    /// into `path` until [`Features::integrate_gradient`].
-    pub fn add_gradient(&self, path: &mut Path<'_>, g: &mut [f32], joint: usize, frame: usize, d: [f32; 3]) {
+impl Recover for Recovery<'_> {
+    type Path<'w> = Path<'w>;
+
+    fn channels(&self, joints: u32) -> Channels {
+        channels(joints)
+    }
+
+    /// Integrates the root from the start of a motion: fills `path`'s angle and position of every frame.
+    fn integrate(&self, features: Features<'_>, path: &mut Path<'_>) {
+        self.integrate_from(features, &mut Root::default(), path);
+    }
+
+    fn position(&self, features: Features<'_>, path: &Path<'_>, joint: usize, frame: usize) -> [f32; 3] {
+        self.placed(row(features, frame), features.channels, path, joint, frame)
+    }
+
+    fn clear_gradient(&self, path: &mut Path<'_>) {
+        path.d_angle.fill(0.0);
+        path.d_x.fill(0.0);
+        path.d_z.fill(0.0);
+    }
+
+    /// Local channels go into `g` at once (normalised), the root's share into `path`.
+    fn add_gradient(
+        &self,
+        features: Features<'_>,
+        path: &mut Path<'_>,
+        g: &mut [f32],
+        (joint, frame): (usize, usize),
+        d: [f32; 3],
+    ) {
         let [dx, dy, dz] = d;
-        let (Some(sum_x), Some(sum_z)) = (path.d_x.get_mut(frame), path.d_z.get_mut(frame)) else { return };
-        *sum_x += dx;
-        *sum_z += dz;
-        let row = frame * self.width();
+        add(path.d_x, frame, dx);
+        add(path.d_z, frame, dz);
+        let first = frame * width(features.channels);
         if joint == 0 {
-            if let Some(g) = g.get_mut(row + HEIGHT) {
-                *g += dy * constants(self.mean, self.std, HEIGHT).0;
-            }
+            add(g, first + HEIGHT, dy * self.constants(HEIGHT).0);
             return;
         }
         let channel = local_channel(joint);
-        let Some(column) = self.channels.position(channel) else { return };
-        let (Some(&cos), Some(&sin)) = (path.cos.get(frame), path.sin.get(frame)) else { return };
-        let Some([lx, _, lz]) = self.local(self.row(frame), joint) else { return };
+        let Some(column) = features.channels.position(channel) else { return };
+        let Some([lx, _, lz]) = self.local(row(features, frame), features.channels, joint) else { return };
+        let (cos, sin) = (at(path.cos, frame), at(path.sin, frame));
         let local = [dx * cos + dz * sin, dy, dz * cos - dx * sin];
         for (axis, d) in local.into_iter().enumerate() {
-            if let Some(g) = g.get_mut(row + column + axis) {
-                *g += d * constants(self.mean, self.std, channel + axis).0;
-            }
+            add(g, first + column + axis, d * self.constants(channel + axis).0);
         }
-        if let Some(angle) = path.d_angle.get_mut(frame) {
-            let (rx, rz) = (lx * cos - lz * sin, lx * sin + lz * cos);
-            *angle += dz * rx - dx * rz;
-        }
+        let (rx, rz) = (lx * cos - lz * sin, lx * sin + lz * cos);
+        add(path.d_angle, frame, dz * rx - dx * rz);
     }
 
-    /// Carries the root's gradient back through time into the root channels of `g [T][C]` (suffix sums).
-    pub fn integrate_gradient(&self, path: &Path<'_>, g: &mut [f32]) {
-        let width = self.width();
+    /// Suffix sums over the root channels.
+    fn integrate_gradient(&self, features: Features<'_>, path: &Path<'_>, g: &mut [f32]) {
+        let width = width(features.channels);
         // Gradients with respect to position and half angle of all later frames.
         let (mut sum_x, mut sum_z, mut sum_angle) = (0.0f32, 0.0f32, 0.0f32);
-        let frames = self.values.len() / width;
-        for s in (0..frames).rev() {
-            let Some(row) = self.values.get(s * width..(s + 1) * width) else { continue };
+        let frames = features.values.len() / width;
+        for (s, row) in features.values.chunks_exact(width).enumerate().rev() {
             let next = s + 1;
-            if let (Some(dx), Some(dz), Some(da)) = (path.d_x.get(next), path.d_z.get(next), path.d_angle.get(next))
-                && next < frames
-            {
-                sum_x += *dx;
-                sum_z += *dz;
-                let (cos, sin) =
-                    (path.cos.get(next).copied().unwrap_or(1.0), path.sin.get(next).copied().unwrap_or(0.0));
-                let (vx, vz) = (self.root(row, VELOCITY_X), self.root(row, VELOCITY_Z));
-                let (rx, rz) = (vx * cos - vz * sin, vx * sin + vz * cos);
-                sum_angle += 2.0 * (*da + sum_z * rx - sum_x * rz);
-                let d = [
-                    (YAW, sum_angle),
-                    (VELOCITY_X, sum_x * cos + sum_z * sin),
-                    (VELOCITY_Z, sum_z * cos - sum_x * sin),
-                ];
-                for (channel, d) in d {
-                    if let Some(g) = g.get_mut(s * width + channel) {
-                        *g += d * constants(self.mean, self.std, channel).0;
-                    }
-                }
+            if next >= frames {
+                continue;
+            }
+            sum_x += at(path.d_x, next);
+            sum_z += at(path.d_z, next);
+            let (cos, sin) = (at(path.cos, next), at(path.sin, next));
+            let (vx, vz) = (self.root(row, VELOCITY_X), self.root(row, VELOCITY_Z));
+            let (rx, rz) = (vx * cos - vz * sin, vx * sin + vz * cos);
+            sum_angle += 2.0 * (at(path.d_angle, next) + sum_z * rx - sum_x * rz);
+            let d =
+                [(YAW, sum_angle), (VELOCITY_X, sum_x * cos + sum_z * sin), (VELOCITY_Z, sum_z * cos - sum_x * sin)];
+            for (channel, d) in d {
+                add(g, s * width + channel, d * self.constants(channel).0);
             }
         }
     }

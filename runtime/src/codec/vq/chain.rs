@@ -14,9 +14,10 @@
 use super::decoder::{ChunkShape, Decoder};
 use super::layer::{Direction, Layer, MAX_LAYERS};
 use super::step::{Count, Last, ReluMask, Tail, Work};
+use crate::channels::Channels;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::conv1d::accumulators;
-use crate::nn::output::{self, Channels, window};
+use crate::nn::output::{self, window};
 use crate::nn::residual;
 use crate::stop::{Check, Stop};
 use core::ops::ControlFlow;

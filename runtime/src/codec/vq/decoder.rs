@@ -7,11 +7,13 @@
 use super::layer::Direction;
 use super::step::{Last, ReluMask};
 use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
+use crate::channels::Channels;
+use crate::codec::Decode;
 use crate::memory::{Arena, ArenaTooSmall, bytes_of};
 use crate::nn::conv1d::{Conv1d, Rows, Shape};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::nn::mask;
-use crate::nn::output::{Channels, Output};
+use crate::nn::output::Output;
 use crate::nn::residual::Residual;
 use crate::stop::{Check, Stop};
 use core::ops::ControlFlow;
@@ -216,12 +218,24 @@ impl<'a> Decoder<'a> {
             spare: arena.part(self.pass_bytes(portion, channels))?,
         })
     }
+}
+
+impl Decode for Decoder<'_> {
+    type Workspace<'w> = Workspace<'w>;
+
+    fn code_width(&self) -> usize {
+        self.code_width
+    }
+
+    fn frames_per_token(&self) -> usize {
+        self.upsampling()
+    }
 
     /// Decodes `u [L][du]` to normalised features `out [T][C]` of `channels`. With a workspace that was taken for
     /// fewer of them or fewer tokens `out` is undefined.
     ///
     /// Breaks off when `check` says so; `out` is then undefined.
-    pub fn forward(
+    fn forward(
         &self,
         u: &[f32],
         channels: &Channels,
@@ -255,7 +269,7 @@ impl<'a> Decoder<'a> {
     /// pass.
     ///
     /// Breaks off when `check` says so; `du` is then undefined.
-    pub fn backward(
+    fn backward(
         &self,
         g: &[f32],
         channels: &Channels,

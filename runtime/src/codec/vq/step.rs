@@ -2,8 +2,9 @@
 
 use super::decoder::copy;
 use super::layer::{Direction, Layer};
+use crate::channels::Channels;
 use crate::nn::conv1d::{Conv1d, GradientBlock, Rows};
-use crate::nn::output::{self, Channels};
+use crate::nn::output;
 use crate::nn::{mask, quantise, residual};
 
 /// What has entered a layer: rows, and then zero rows behind the motion's last. All else follows from these.

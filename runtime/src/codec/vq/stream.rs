@@ -5,9 +5,9 @@ use super::chain::Chain;
 use super::decoder::{ChunkShape, Decoder};
 use super::layer::{Direction, Layer};
 use super::step::{Last, ReluMask};
+use crate::channels::Channels;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::mask;
-use crate::nn::output::Channels;
 use crate::stop::{Check, Stop};
 use core::ops::ControlFlow;
 
