@@ -9,6 +9,7 @@ use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerChe
 use motionette::blob::{
     Codec, DType, Generator, Guidance, Manifest, Padding, PhraseBank, Representation, TextTable, TransformerConfig,
 };
+use motionette::model::cargo_features;
 
 /// Everything `motionette inspect` shows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -43,6 +44,8 @@ pub struct Inspection {
     pub padding: Vec<[u16; 2]>,
     /// Kind of the generator.
     pub generator: &'static str,
+    /// Cargo features that a firmware needs to run it.
+    pub features: Vec<&'static str>,
     /// Whether it carries a self-test.
     pub self_test: bool,
     /// All tensors.
@@ -190,6 +193,7 @@ pub fn inspect(
             Codec::Vq(_) => "vq",
         },
         padding: d.padding.iter().map(|&Padding { left, right }| [left, right]).collect(),
+        features: cargo_features(&manifest).into_iter().filter(|f| f.needed).map(|f| f.name).collect(),
         generator: match manifest.generator {
             Generator::Given { .. } => "given",
             Generator::Tmd(_) => "tmd",

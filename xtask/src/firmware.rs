@@ -33,6 +33,28 @@ pub const M55: Core = Core { name: "m55", title: "Cortex-M55", target: THUMB_V8,
 /// All of them.
 pub const CORES: [Core; 3] = [M4, M33, M55];
 
+/// What a firmware may link of the runtime, as features of the check image, and the bytes that its code may take on a Cortex-M4F,
+/// whichever compiler builds it.
+struct FeatureSet {
+    name: &'static str,
+    features: &'static str,
+    budget: u32,
+}
+
+/// Motions from text through anchors, without servos: what the check image links where nothing else is said.
+const GENERATOR: &str = "generate,families";
+const FEATURE_SETS: [FeatureSet; 5] = [
+    FeatureSet { name: "all", features: "generate,families,playback", budget: 192 * 1024 },
+    FeatureSet { name: "no playback", features: GENERATOR, budget: 164 * 1024 },
+    FeatureSet {
+        name: "no playback, no text",
+        features: "generate,motionette/tmd,motionette/anchor-control,motionette/refining",
+        budget: 156 * 1024,
+    },
+    FeatureSet { name: "no playback, no planner", features: "generate,motionette/refining", budget: 110 * 1024 },
+    FeatureSet { name: "playback only", features: "playback", budget: 40 * 1024 },
+];
+
 /// Symbol that the gate's panic handler calls and nobody defines.
 const UNDEFINED: &str = "a_panic_is_reachable";
 
@@ -47,13 +69,21 @@ pub fn package() -> PathBuf {
 /// # Errors
 /// When the build fails.
 pub fn build(toolchain: Toolchain, core: &Core, image: &str, blob: Option<&Path>) -> Result<PathBuf> {
-    let feature = if image == "request" { "bench" } else { image };
-    let mut cargo = image_cargo(toolchain, "build", core, image, feature);
+    let mut cargo = image_cargo(toolchain, "build", core, image, features(image));
     if let Some(blob) = blob {
         cargo.env("MOTIONETTE_BLOB", std::path::absolute(blob)?);
     }
     shell::run(&mut cargo)?;
     keep(toolchain, core, image, image)
+}
+
+/// Features that an image needs beside the core's own.
+pub fn features(image: &str) -> &str {
+    match image {
+        "request" => "bench",
+        "check" => GENERATOR,
+        image => image,
+    }
 }
 
 /// Copies the `image` that was built last to where builds for other cores, or with other features, leave it alone.
@@ -87,10 +117,10 @@ fn refuse_a_planted_panic(toolchain: Toolchain, core: &Core) -> Result<()> {
     Ok(())
 }
 
-/// `cargo SUBCOMMAND` for one image with one feature beside the core's own, in release, into the toolchain's own folder.
-pub fn image_cargo(toolchain: Toolchain, subcommand: &str, core: &Core, image: &str, feature: &str) -> Command {
+/// `cargo SUBCOMMAND` for one image with these features beside the core's own, in release, into the toolchain's own folder.
+pub fn image_cargo(toolchain: Toolchain, subcommand: &str, core: &Core, image: &str, features: &str) -> Command {
     let mut cargo = toolchain.cargo(subcommand, core.target);
-    cargo.args(["--release", "--bin", image, "--features", feature]);
+    cargo.args(["--release", "--bin", image, "--features", features]);
     cargo.args(core.kernels.map(|kernels| ["--features", kernels]).into_iter().flatten());
     cargo.arg("--target-dir").arg(Path::new("target").join(toolchain.name())).current_dir(package());
     cargo
@@ -125,7 +155,6 @@ pub fn build_all() -> Result<()> {
     refuse_a_planted_panic(toolchain, &M4)?;
     for core in &CORES {
         refuse_panics(toolchain, core)?;
-        keep(toolchain, core, "check", "gate")?;
         let images = ["twin", "check"].map(|image| build(toolchain, core, image, None));
         for image in images {
             println!("{}: {}", core.title, relative(&image?));
@@ -136,8 +165,12 @@ pub fn build_all() -> Result<()> {
     println!("Raspberry Pi Pico 2: {}", relative(&image));
     let mut size = shell::cargo();
     size.args(["run", "--quiet", "--release", "--package", "motionette-twin", "--bin", "motionette-board", "--"]);
-    let images = package().join("target").join(toolchain.name()).join("images").join(M4.name);
-    size.arg(&image).arg("models/nano.blob").arg(images.join("check")).arg(images.join("gate"));
+    size.arg(&image).arg("models/nano.blob");
+    for set in &FEATURE_SETS {
+        shell::run(&mut image_cargo(toolchain, "build", &M4, "check", set.features))?;
+        let linked = keep(toolchain, &M4, "check", &set.name.replace([',', ' '], "-"))?;
+        size.arg("--code").arg(format!("{}={}={}", set.name, set.budget, linked.display()));
+    }
     shell::run(size.current_dir(shell::root()))?;
     for (core, target) in [("Cortex-M0, M0+", THUMB_V6), ("RISC-V without FPU", RISCV)] {
         build_runtime(toolchain, target)?;

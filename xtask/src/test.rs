@@ -144,8 +144,8 @@ fn clippy() -> Result<()> {
     setup::ensure_components()?;
     shell::run(shell::cargo().args(["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"]))?;
     let toolchain = Toolchain::ensure()?;
-    for (image, feature) in [("twin", "twin"), ("check", "check"), ("bench", "bench"), ("request", "bench")] {
-        let mut clippy = firmware::image_cargo(toolchain, "clippy", &firmware::M4, image, feature);
+    for image in ["twin", "check", "bench", "request"] {
+        let mut clippy = firmware::image_cargo(toolchain, "clippy", &firmware::M4, image, firmware::features(image));
         shell::run(clippy.args(["--", "--deny", "warnings"]))?;
     }
     shell::run(firmware::pico2_cargo(toolchain, "clippy").args(["--", "--deny", "warnings"]))?;

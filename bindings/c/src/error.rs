@@ -53,8 +53,8 @@ pub enum mtn_error {
     /// A section of the manifest is of a kind that came later: the blob needs a newer library; `motionette inspect` on
     /// the desk says which section. `found`: the kind; `limit`: the newest one that is known.
     BlobUnknown = 20,
-    /// The blob needs a family that this library was built without; `motionette inspect` on the desk says which kinds
-    /// the blob has.
+    /// The blob or the request needs a family that this library was built without, a cargo feature of `bindings/c`;
+    /// `motionette inspect` on the desk says which the blob needs.
     BlobNotLinked = 21,
 
     /// The arena is too small. `found`: bytes from its first 16-byte boundary; `limit`: bytes the request needs.
@@ -170,7 +170,7 @@ static MESSAGES: &[(mtn_error, &CStr)] = &[
     (mtn_error::BlobTensor, c"the blob has a tensor of wrong place, shape or value"),
     (mtn_error::BlobUnbounded, c"the blob's weights could overflow"),
     (mtn_error::BlobUnknown, c"the blob needs a newer library: a section of its manifest is of an unknown kind"),
-    (mtn_error::BlobNotLinked, c"the blob needs a family that this library was built without"),
+    (mtn_error::BlobNotLinked, c"the blob or the request needs a family that this library was built without"),
     (mtn_error::ArenaTooSmall, c"the arena is too small for the request"),
     (mtn_error::FloatingPoint, c"floating point is not in its default state"),
     (mtn_error::Source, c"a request has either a text, or a stored prompt, or tokens"),
@@ -271,6 +271,7 @@ impl From<Error> for mtn_result {
             Error::Anchors(e) => e.into(),
             Error::Solver(SolverError::Tokens { tokens, limit }) => numbers(mtn_error::RefinementLength, tokens, limit),
             Error::Solver(SolverError::NotFinite) => mtn_error::RefinementNotFinite.into(),
+            Error::NotLinked { .. } => mtn_error::BlobNotLinked.into(),
             Error::Aborted => mtn_error::Aborted.into(),
             // Embeddings and streams have no way in from C.
             _ => mtn_error::Other.into(),

@@ -77,6 +77,10 @@ fn show(i: &Inspection) {
         show_control(c);
     }
     say(&format!("  tokens      {}, at most {} of {} frames", i.generator, i.max_tokens, i.frames_per_token));
+    say(&format!(
+        "  features    {} (of the runtime's cargo features; `refining` for anchors that are met)",
+        i.features.join(", ")
+    ));
     say(&format!("  licence     {}", i.licence));
     say(&format!("  data        {}", i.data));
     say(&format!("  checkpoint  {}", i.checkpoint));

@@ -4,6 +4,7 @@
 //! modules, which check their tensors.
 
 mod codec;
+mod families;
 mod generator;
 mod representation;
 mod self_test;
@@ -21,6 +22,7 @@ use crate::generation::tokens::session::Modules;
 use crate::generation::tokens::{Control, Planner};
 use crate::representation::humanml3d::Recovery;
 use crate::text::Text;
+pub use families::{CargoFeature, cargo_features};
 
 /// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
 pub const MAX_MAGNITUDE: f32 = 1e28;
@@ -70,6 +72,7 @@ impl<'a> Model<'a> {
         let (manifest, table) = Manifest::read(manifest, header.minor)?;
         let max_tokens = manifest.generator.max_tokens();
         let Codec::Vq(config) = &manifest.codec;
+        families::check(&manifest)?;
         check(&manifest)?;
 
         let mut tensors = Tensors::new(table, weights, manifest.tensor_count).of_minor(header.minor);
@@ -86,9 +89,13 @@ impl<'a> Model<'a> {
             Some(config) => Some(Text::open(&mut tensors, config, max_tokens)?),
         };
         let (mut planner, mut control) = (None, None);
-        if let (Generator::Tmd(generator), Some(text)) = (&manifest.generator, &text) {
+        if cfg!(feature = "tmd")
+            && let (Generator::Tmd(generator), Some(text)) = (&manifest.generator, &text)
+        {
             let opened = Planner::open(&mut tensors, generator, text, config.codes)?;
-            if let Some(anchors) = &generator.control {
+            if cfg!(feature = "anchor-control")
+                && let Some(anchors) = &generator.control
+            {
                 let frames = config.frames_per_token() as u16;
                 let timing = Timing { rate: manifest.representation.frame_rate(), frames, tokens: max_tokens };
                 control = Some(Control::open(&mut tensors, anchors, timing, &opened, text)?);
@@ -206,19 +213,19 @@ impl<'a> Model<'a> {
     /// Planner.
     #[must_use]
     pub const fn planner(&self) -> Option<&Planner<'a>> {
-        self.planner.as_ref()
+        if cfg!(feature = "tmd") { self.planner.as_ref() } else { None }
     }
 
     /// Anchor control of the planner.
     #[must_use]
     pub const fn control(&self) -> Option<&Control<'a>> {
-        self.control.as_ref()
+        if cfg!(feature = "anchor-control") { self.control.as_ref() } else { None }
     }
 
     /// What a planning session works with; `None` when the blob cannot make tokens.
     #[must_use]
     pub fn planning(&self) -> Option<Modules<'_, 'a>> {
-        let (text, planner) = (self.text.as_ref()?, self.planner.as_ref()?);
+        let (text, planner) = (self.text()?, self.planner()?);
         Some(Modules { text, planner, control: self.control(), codebooks: &self.codebooks })
     }
 }

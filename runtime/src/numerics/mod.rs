@@ -1,4 +1,7 @@
-//! Numbers: angles within a turn, hashes over bits, the seeded random stream.
+//! Numbers: angles within a turn, vectors and rotations, hashes over bits, the seeded random stream.
 
 pub(crate) mod angle;
 pub mod hash;
+#[cfg(feature = "playback")]
+pub(crate) mod rotation;
+pub(crate) mod vector;

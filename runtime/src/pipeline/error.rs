@@ -47,6 +47,11 @@ pub enum Error {
     Anchors(AnchorError),
     /// The refinement failed.
     Solver(SolverError),
+    /// The request needs a family that was left out of this firmware: build it with the cargo feature.
+    NotLinked {
+        /// The feature of this crate.
+        feature: &'static str,
+    },
     /// The observer asked to abort.
     Aborted,
     /// More tokens than a stream can queue at present.
@@ -84,6 +89,7 @@ impl core::fmt::Display for Error {
             Error::Planning(e) => e.fmt(f),
             Error::Anchors(e) => e.fmt(f),
             Error::Solver(e) => e.fmt(f),
+            Error::NotLinked { feature } => PlanError::NotLinked { feature }.fmt(f),
             Error::Aborted => write!(f, "the observer aborted the request"),
             Error::QueueFull { found, room } => {
                 write!(f, "{found} tokens do not fit the stream's queue, which has room for {room}: take frames first")
@@ -121,6 +127,7 @@ impl From<PlanError> for Error {
             PlanError::Words { found: 0, .. } => Error::Prompt(PromptError::Empty),
             PlanError::Words { found, limit } => Error::Prompt(PromptError::TooManyWords { found, limit }),
             PlanError::Steps { found, limit } => Error::Planning(PlanningError::Steps { found, limit }),
+            PlanError::NotLinked { feature } => Error::NotLinked { feature },
             PlanError::NoPlanner => Error::Planning(PlanningError::NoPlanner),
             PlanError::TooLarge => Error::Arena(ArenaTooSmall { needed: usize::MAX, available: 0 }),
         }

@@ -289,7 +289,7 @@ impl<'a> Generator<'a> {
         let tokens = embed(model, request.source, tokens, u)?;
 
         let mut refinement = None;
-        if limits.anchors > 0 {
+        if cfg!(feature = "refining") && limits.anchors > 0 {
             let config = limits.refinement;
             let mut overlay = arena.overlay();
             let scratch = buffers::solver(model, &limits, &mut overlay).map_err(too_small)?;

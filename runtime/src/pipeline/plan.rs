@@ -260,6 +260,11 @@ pub enum PlanError {
     },
     /// Tokens are to be planned by a model without a planner.
     NoPlanner,
+    /// The request needs a family that was left out of this firmware: build it with the cargo feature.
+    NotLinked {
+        /// The feature of this crate.
+        feature: &'static str,
+    },
     /// More bytes than this machine has addresses.
     TooLarge,
 }
@@ -273,6 +278,9 @@ impl core::fmt::Display for PlanError {
             }
             PlanError::Words { found, limit } => write!(f, "a plan for {found} words: the model reads 1 to {limit}"),
             PlanError::Steps { found, limit } => write!(f, "a plan for {found} steps: a sampler takes 1 to {limit}"),
+            PlanError::NotLinked { feature } => {
+                write!(f, "the request needs cargo feature {feature}, which this firmware was built without")
+            }
             PlanError::NoPlanner => write!(f, "the model has no planner: it cannot make tokens from text"),
             PlanError::TooLarge => write!(f, "the plan needs more bytes than this machine can address"),
         }
@@ -302,6 +310,9 @@ fn check_planning<'m, 'b>(model: &'m Model<'b>, planning: &planning::Limits) -> 
 impl Limits {
     fn check(&self, model: &Model<'_>) -> Result<(), PlanError> {
         check_tokens(model, self.tokens)?;
+        if self.anchors > 0 && !cfg!(feature = "refining") {
+            return Err(PlanError::NotLinked { feature: "refining" });
+        }
         if self.anchors > MAX_ANCHORS {
             return Err(PlanError::Anchors { found: self.anchors, limit: MAX_ANCHORS });
         }

@@ -5,8 +5,9 @@
 //! the line of hips or shoulders; an upper arm's or thigh's from itself and the bend of elbow or knee, which are hinges. The neck and
 //! the feet have one bone, so they turn on the shortest arc and not about themselves.
 
+use crate::numerics::rotation::Rotation;
+use crate::numerics::vector::{Vector, add, cross, dot, scale, subtract, unit};
 use crate::representation::Pose;
-use crate::representation::rotation::{Rotation, Vector, add, cross, dot, scale, subtract, unit};
 use crate::{JOINTS, Joint};
 
 const X: Vector = [1.0, 0.0, 0.0];

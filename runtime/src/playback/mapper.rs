@@ -11,8 +11,9 @@ use heapless::Vec;
 use super::body::{Aside, Orientations, SEGMENTS, Segment, UP};
 use super::robot::{Channel, MAX_AXES, MAX_CHANNELS, Robot, Source};
 use crate::Joint;
+use crate::numerics::rotation::Rotation;
+use crate::numerics::vector::{Vector, cross, dot, scale};
 use crate::representation::Pose;
-use crate::representation::rotation::{Rotation, Vector, cross, dot, scale};
 use core::f32::consts::PI;
 
 /// How much a segment's twist counts against where its bone points.

@@ -3,7 +3,6 @@
 //! [`Recover`] is the seam for another representation: refinement works through it.
 
 pub mod humanml3d;
-pub(crate) mod rotation;
 pub mod rotations;
 pub mod skeleton;
 

@@ -6,8 +6,8 @@
 
 use super::Pose;
 use super::humanml3d::POSITION_CHANNELS;
-use super::rotation::{Vector, add, cross, dot, scale, subtract, unit};
 use crate::JOINTS;
+use crate::numerics::vector::{Vector, add, cross, dot, scale, subtract, unit};
 
 /// First channel of the rotations.
 pub const FIRST: usize = POSITION_CHANNELS;

@@ -30,8 +30,7 @@ impl<'a> Text<'a> {
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(tensors: &mut Tensors<'a>, config: &TextConfig<'a>, max_tokens: u16) -> Result<Self, Error> {
         let encoder = match &config.encoder {
-            None => None,
-            Some(encoder) => {
+            Some(encoder) if cfg!(feature = "text") => {
                 let TextTable::Words(words) = encoder.table;
                 let vocabulary = words::Vocabulary::new(words);
                 let found = u32::try_from(vocabulary.len()).unwrap_or(u32::MAX);
@@ -51,6 +50,7 @@ impl<'a> Text<'a> {
                 }
                 Some(TextEncoder::open(tensors, encoder, config.max_words)?)
             }
+            _ => None,
         };
         let index = tensors.index();
         let length = Linear::open(tensors, config.width, max_tokens)?;
@@ -80,7 +80,7 @@ impl<'a> Text<'a> {
     /// The encoder, if the blob has one.
     #[must_use]
     pub const fn encoder(&self) -> Option<&TextEncoder<'a>> {
-        self.encoder.as_ref()
+        if cfg!(feature = "text") { self.encoder.as_ref() } else { None }
     }
 
     /// The stored prompts.
@@ -98,7 +98,7 @@ impl<'a> Text<'a> {
     /// A bound of memory and pooled vectors.
     #[must_use]
     pub fn bound(&self) -> f32 {
-        let encoder = self.encoder.as_ref().map_or(0.0, TextEncoder::bound);
+        let encoder = self.encoder().map_or(0.0, TextEncoder::bound);
         if encoder > bank::MAX_VALUE || self.bank.is_empty() { encoder } else { bank::MAX_VALUE }
     }
 }

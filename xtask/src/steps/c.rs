@@ -30,6 +30,9 @@ const LIMIT: Duration = Duration::from_secs(180);
 /// Sources of the example, in the library's package.
 const SOURCES: [&str; 4] = ["walk.c", "qemu/start.c", "qemu/console.c", "qemu/blob.S"];
 
+/// Sets of the library's features that each lack a family of the bundled model, or what its requests need.
+const FEATURE_SETS: [&str; 5] = ["", "vq", "vq,tmd", "vq,tmd,anchor-control", "vq,tmd,anchor-control,text"];
+
 /// Folder of the library's package.
 pub fn package() -> PathBuf {
     shell::root().join("bindings/c")
@@ -47,6 +50,10 @@ pub fn run(options: &Options) -> Result<()> {
     setup::ensure(&[&setup::QEMU, &setup::C_COMPILER])?;
     let toolchain = Toolchain::ensure()?;
     shell::run(&mut test)?;
+    for features in FEATURE_SETS {
+        let mut test = host_cargo("test");
+        shell::run(test.args(["--lib", "--no-default-features", "--features", features, "families::"]))?;
+    }
 
     let image = link(&build_library(toolchain, None)?, "walk.elf", "-Wl,--gc-sections")?;
     // Without the collection of unused sections every function of the library is linked, and so is any panic.

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::str::FromStr;
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
@@ -19,9 +20,6 @@ const FLASH: u64 = Layout::PICO2.offsets[0] as u64;
 const RAM: u64 = 512 * 1024;
 /// Stack that the runtime needs with a link interrupt and a servo tick on top of it (16 KiB painted in the emulator, and as much again).
 const STACK: u64 = 32 * 1024;
-/// Bytes that the runtime's code may take on a Cortex-M4F, whichever compiler builds it; with playback.
-const CODE: u64 = 164 * 1024;
-const CODE_WITH_PLAYBACK: u64 = 192 * 1024;
 /// Hertz.
 const CLOCK: f64 = 150e6;
 /// Cycles an instruction, assumed: code and weights come through a cache of 16 KiB in front of serial flash.
@@ -36,14 +34,33 @@ struct Cli {
     image: PathBuf,
     /// The model.
     blob: PathBuf,
-    /// The Cortex-M4F check image without playback, and with it.
-    #[arg(requires = "gate")]
-    check: Option<PathBuf>,
-    /// See `check`.
-    gate: Option<PathBuf>,
+    /// A check image of some features, and the bytes that its code may take.
+    #[arg(long, value_name = "FEATURES=BYTES=IMAGE")]
+    code: Vec<Code>,
     /// Print one machine-readable object on the last line.
     #[arg(long)]
     json: bool,
+}
+
+/// What a firmware with some of the runtime's features links.
+#[derive(Debug, Clone)]
+struct Code {
+    features: String,
+    budget: u64,
+    image: PathBuf,
+}
+
+impl FromStr for Code {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut parts = text.splitn(3, '=');
+        let (Some(features), Some(budget), Some(image)) = (parts.next(), parts.next(), parts.next()) else {
+            return Err(format!("`{text}` is not FEATURES=BYTES=IMAGE"));
+        };
+        let budget = budget.parse().map_err(|e| format!("`{budget}` bytes: {e}"))?;
+        Ok(Code { features: features.to_owned(), budget, image: image.into() })
+    }
 }
 
 fn main() -> ExitCode {
@@ -97,18 +114,16 @@ fn run(cli: &Cli) -> Result<()> {
         instructions / 1e6,
         fetched / 1e6
     );
-    if let (Some(check), Some(gate)) = (&cli.check, &cli.gate) {
-        let bytes = |path: &PathBuf| -> Result<u64> {
-            image::text_bytes(&std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?)
-        };
-        let (without, with) = (bytes(check)?, bytes(gate)?);
-        println!("runtime code, M4F    {without} of {CODE} bytes, {with} of {CODE_WITH_PLAYBACK} with playback");
-        ensure!(without <= CODE, "the runtime's code has {without} bytes, {CODE} are its budget");
-        ensure!(
-            with <= CODE_WITH_PLAYBACK,
-            "with playback its code has {with} bytes, {CODE_WITH_PLAYBACK} are the budget"
-        );
+    let mut too_large = Vec::new();
+    for Code { features, budget, image } in &cli.code {
+        let elf = std::fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
+        let bytes = image::text_bytes(&elf)?;
+        println!("runtime code, M4F    {bytes:>6} of {budget:>6} bytes: {features}");
+        if bytes > *budget {
+            too_large.push(format!("{features}: {bytes} bytes, {budget} are the budget"));
+        }
     }
+    ensure!(too_large.is_empty(), "the runtime's code is too large: {}", too_large.join("; "));
     if cli.json {
         let object = json!({
             "flash_bytes": flash, "flash_limit": FLASH, "ram_bytes": ram, "ram_limit": RAM, "stack_left": RAM.saturating_sub(ram),

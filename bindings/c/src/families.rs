@@ -1,0 +1,41 @@
+//! What a library says that was built without a family. Each build has one answer: `cargo xtask c` runs this with several.
+
+use motionette::{Anchors, Error, Generator, Model, Request, blob};
+use std::{fs, vec};
+
+/// The bundled model opened by the runtime itself, and what a request of it through an anchor gets.
+fn opened_and_bent() -> Result<Result<(), Error>, blob::Error> {
+    let bytes = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../../models/nano.blob")).unwrap();
+    let mut memory = vec![0u128; bytes.len().div_ceil(16)];
+    // SAFETY: 16 bytes a block, and any bits are numbers.
+    let room = unsafe { core::slice::from_raw_parts_mut(memory.as_mut_ptr().cast::<u8>(), 16 * memory.len()) };
+    room[..bytes.len()].copy_from_slice(&bytes);
+    let model = Model::open(&room[..bytes.len()])?;
+    let anchors = Anchors::new().root_at(0.5, [0.0, 0.9, 0.2]);
+    let mut arena = vec![0u8; 1 << 20];
+    let mut generator = Generator::new(model, &mut arena).unwrap();
+    Ok(generator.generate(&Request::tokens(&[117, 204, 407]).through(&anchors), &mut ()).map(drop))
+}
+
+/// The first family that the bundled model needs and this build has not.
+const MISSING: Option<&str> = if !cfg!(feature = "vq") {
+    Some("vq")
+} else if !cfg!(feature = "tmd") {
+    Some("tmd")
+} else if !cfg!(feature = "anchor-control") {
+    Some("anchor-control")
+} else if !cfg!(feature = "text") {
+    Some("text")
+} else {
+    None
+};
+
+#[test]
+fn what_is_not_linked_is_named() {
+    match (opened_and_bent(), MISSING) {
+        (Err(blob::Error::NotLinked { feature }), Some(missing)) => assert_eq!(feature, missing),
+        (Ok(Ok(())), None) => assert!(cfg!(feature = "refining")),
+        (Ok(Err(Error::NotLinked { feature: "refining" })), None) => assert!(!cfg!(feature = "refining")),
+        (found, missing) => panic!("{found:?}, the missing family is {missing:?}"),
+    }
+}

@@ -1,0 +1,40 @@
+//! What a blob needs of this build: families are cargo features, and one that was left out is refused by its name.
+
+use crate::blob::{Codec, Error, Generator, Manifest};
+
+/// A family that a blob may need, a cargo feature of this crate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CargoFeature {
+    /// Its name.
+    pub name: &'static str,
+    /// Whether the blob needs it.
+    pub needed: bool,
+    /// Whether this build has it.
+    pub linked: bool,
+}
+
+/// All of them, as a blob of this manifest needs them.
+#[must_use]
+pub fn cargo_features(manifest: &Manifest<'_>) -> [CargoFeature; 4] {
+    let Codec::Vq(_) = &manifest.codec;
+    let planner = match &manifest.generator {
+        Generator::Tmd(planner) => Some(planner),
+        Generator::Given { .. } => None,
+    };
+    let control = planner.is_some_and(|planner| planner.control.is_some());
+    let encoder = manifest.text.as_ref().is_some_and(|text| text.encoder.is_some());
+    [
+        CargoFeature { name: "vq", needed: true, linked: cfg!(feature = "vq") },
+        CargoFeature { name: "tmd", needed: planner.is_some(), linked: cfg!(feature = "tmd") },
+        CargoFeature { name: "anchor-control", needed: control, linked: cfg!(feature = "anchor-control") },
+        CargoFeature { name: "text", needed: encoder, linked: cfg!(feature = "text") },
+    ]
+}
+
+/// Refuses a blob that needs a family which is not linked.
+pub(super) fn check(manifest: &Manifest<'_>) -> Result<(), Error> {
+    match cargo_features(manifest).into_iter().find(|feature| feature.needed && !feature.linked) {
+        None => Ok(()),
+        Some(CargoFeature { name, .. }) => Err(Error::NotLinked { feature: name }),
+    }
+}
