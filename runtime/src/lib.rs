@@ -115,7 +115,7 @@ pub use model::Model;
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
 pub use pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
 pub use pipeline::{
-    Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage,
+    Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage, StreamError,
 };
 pub use request::conditions::{Anchor, AnchorList, Anchors, Target};
 pub use request::joint::Joint;

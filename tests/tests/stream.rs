@@ -7,8 +7,8 @@ use motionette::numerics::hash::Stream;
 use motionette::representation::humanml3d::{POSITION_CHANNELS, Path, channels};
 use motionette::representation::{Features, Recover};
 use motionette::{
-    Error, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, ROWS, Request, Stop, StreamLimits,
-    StreamPlan,
+    Error, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, ROWS, Request, Stop, StreamError,
+    StreamLimits, StreamPlan,
 };
 use motionette_host::blob::BlobFile;
 use motionette_tests::tiny::{Shape, Tiny};
@@ -201,7 +201,7 @@ fn the_arena_is_exactly_as_large_as_the_plan_says_however_long_the_motion() {
         let mut words = vec![0u128; (planned + 4096) / 16];
         let memory: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
         match Generator::new(model.clone(), &mut memory[..planned - 1]).unwrap().stream(&limits).map(|_| ()) {
-            Err(Error::Arena(e)) => assert_eq!((e.needed, e.available), (planned, planned - 1)),
+            Err(StreamError::Request(Error::Arena(e))) => assert_eq!((e.needed, e.available), (planned, planned - 1)),
             other => panic!("one byte less must be refused, got {other:?}"),
         }
         memory.fill(PAINT);
@@ -260,8 +260,8 @@ fn stopped_at_any_observer_call_the_motion_goes_on_there_and_the_generator_is_us
             match stream.frames(&mut observer) {
                 Ok(Some(frames)) => joints.extend(frames.iter().flatten().flatten().map(|v| v.to_bits())),
                 Ok(None) => break,
-                Err(Error::Aborted) if leave => return (Vec::new(), 0, observer.calls),
-                Err(Error::Aborted) => stops += 1,
+                Err(StreamError::Request(Error::Aborted)) if leave => return (Vec::new(), 0, observer.calls),
+                Err(StreamError::Request(Error::Aborted)) => stops += 1,
                 Err(e) => panic!("{e}"),
             }
         }
@@ -285,19 +285,19 @@ fn bad_tokens_are_typed_errors_and_the_motion_goes_on() {
     let model = Model::open(tiny.bytes()).unwrap();
     let mut arena = vec![0u8; 1 << 18];
     let mut generator = Generator::new(model.clone(), &mut arena).unwrap();
-    let refused = |limit| Err(Error::Tokens { found: limit, limit: 49 });
+    let refused = |limit| Err(Error::Tokens { found: limit, limit: 49 }.into());
     for tokens in [0, 50] {
         assert_eq!(generator.stream(&StreamLimits { tokens, planning: None, rows: ROWS }).map(|_| ()), refused(tokens));
     }
     let mut stream = generator.stream(&StreamLimits { tokens: 3, planning: None, rows: ROWS }).unwrap();
     stream.push(&[1, 2]).unwrap();
     assert_eq!(stream.push(&[1, 2, 3]), refused(3));
-    assert_eq!(stream.push(&[1, 2, 3, 11]), Err(Error::TokenOutOfRange { index: 3, token: 11, codes: 11 }));
-    assert_eq!(stream.push(&[0; 6]), Err(Error::QueueFull { found: 3, room: 2 }));
+    assert_eq!(stream.push(&[1, 2, 3, 11]), Err(Error::TokenOutOfRange { index: 3, token: 11, codes: 11 }.into()));
+    assert_eq!(stream.push(&[0; 6]), Err(StreamError::QueueFull { found: 3, room: 2 }));
     stream.push(&[]).unwrap();
     stream.push(&[3, u16::MAX]).unwrap();
     stream.finish();
-    assert_eq!(stream.push(&[0, 0]), Err(Error::Finished));
+    assert_eq!(stream.push(&[0, 0]), Err(StreamError::Finished));
     let mut joints = Vec::new();
     drain(&mut stream, 16, &mut joints);
     assert!(joints == whole(&model, &[1, 2, 3, u16::MAX]));

@@ -9,7 +9,7 @@ use motionette::representation::humanml3d::{POSITION_CHANNELS, Path, channels};
 use motionette::representation::{Features, Recover};
 use motionette::{
     Error, Fixed, Frame, Generator, JOINTS, Length, Limits, Model, MotionStream, Observer, Plan, Planning, Progress,
-    ROWS, Request, Segment, Stage, Stop, StreamLimits, StreamPlan,
+    ROWS, Request, Segment, Stage, Stop, StreamError, StreamLimits, StreamPlan,
 };
 use motionette_host::blob::BlobFile;
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
@@ -118,7 +118,7 @@ fn each_segment_is_what_a_request_with_its_context_given_makes() {
                 got.extend(&stream.tokens()[stream.tokens().len() - tokens..]);
             }
             assert_eq!(got, want);
-            assert_eq!(stream.plan(&Request::text("run"), &mut ()), Err(Error::Finished));
+            assert_eq!(stream.plan(&Request::text("run"), &mut ()), Err(StreamError::Finished));
             joints.extend(drain(&mut stream));
             // The frames are those of the tokens, as another stream that is given them has them.
             let mut stream = generator.stream(&StreamLimits { tokens: 8, planning: None, rows: ROWS }).unwrap();
@@ -157,7 +157,7 @@ fn a_motion_that_was_pushed_is_continued_and_fixed_tokens_count_from_the_segment
 
     // Without a length: half of what is remembered, at most what there is room for.
     assert_eq!(stream.plan(&request, &mut ()).map(|s| s.tokens), Ok(4));
-    assert_eq!(stream.plan(&request, &mut ()), Err(Error::QueueFull { found: 1, room: 0 }));
+    assert_eq!(stream.plan(&request, &mut ()), Err(StreamError::QueueFull { found: 1, room: 0 }));
     drain(&mut stream);
     assert_eq!(stream.plan(&request, &mut ()).map(|s| s.tokens), Ok(7));
 }
@@ -171,7 +171,7 @@ fn the_arena_is_exactly_as_large_as_the_plan_says() {
     let mut words = vec![0u128; (planned + 4096) / 16];
     let memory: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
     let request = Request::text("a person waves left hand").length(Length::Tokens(6)).steps(2);
-    let run = |memory: &mut [u8]| -> Result<(), Error> {
+    let run = |memory: &mut [u8]| -> Result<(), StreamError> {
         let mut generator = Generator::new(model.clone(), memory)?;
         let mut stream = generator.stream(&limits)?;
         for _ in 0..4 {
@@ -181,7 +181,7 @@ fn the_arena_is_exactly_as_large_as_the_plan_says() {
         Ok(())
     };
     match run(&mut memory[..planned - 1]) {
-        Err(Error::Arena(e)) => assert_eq!((e.needed, e.available), (planned, planned - 1)),
+        Err(StreamError::Request(Error::Arena(e))) => assert_eq!((e.needed, e.available), (planned, planned - 1)),
         other => panic!("one byte less must be refused, got {other:?}"),
     }
     memory.fill(PAINT);
@@ -195,7 +195,7 @@ fn the_arena_is_exactly_as_large_as_the_plan_says() {
     stream.push(&[1; 6]).unwrap();
     let long = Request::text("a person waves left hand run").length(Length::Tokens(7)).steps(2);
     assert!(
-        matches!(stream.plan(&long, &mut ()), Err(Error::Arena(e)) if e.needed > planned && e.available == planned)
+        matches!(stream.plan(&long, &mut ()), Err(StreamError::Request(Error::Arena(e))) if e.needed > planned && e.available == planned)
     );
     assert_eq!(stream.tokens(), [1; 6]);
     assert_eq!(stream.plan(&request, &mut ()).map(|s| s.tokens), Ok(6));
@@ -238,7 +238,7 @@ fn stopped_at_any_observer_call_a_segment_can_be_planned_again() {
                         assert_eq!(segment.tokens, 4);
                         break;
                     }
-                    Err(Error::Aborted) => aborted += 1,
+                    Err(StreamError::Request(Error::Aborted)) => aborted += 1,
                     Err(e) => panic!("{e}"),
                 }
             }
@@ -273,22 +273,25 @@ fn bad_segments_are_typed_errors_and_the_motion_goes_on() {
     let behind = [Fixed { position: 3, token: 1 }];
     let unknown = [Fixed { position: 0, token: 11 }];
     let refused = [
-        (Request::embeddings(&[0.0; 6]), Error::NotInParts),
-        (request.through(&anchors), Error::NotInParts),
+        (Request::embeddings(&[0.0; 6]), StreamError::NotInParts),
+        (request.through(&anchors), StreamError::NotInParts),
         (request.length(Length::Tokens(0)), PlanningError::Length { found: 0, limit: 13 }.into()),
         (request.length(Length::Tokens(14)), PlanningError::Length { found: 14, limit: 13 }.into()),
-        (request.length(Length::Tokens(10)), Error::QueueFull { found: 10, room: 9 }),
+        (request.length(Length::Tokens(10)), StreamError::QueueFull { found: 10, room: 9 }),
         (request.steps(0), PlanningError::Steps { found: 0, limit: 1000 }.into()),
         (request.fixed(&behind), PlanningError::FixedPosition { index: 0, position: 3, tokens: 3 }.into()),
         (request.fixed(&unknown), PlanningError::FixedToken { index: 0, token: 11, codes: 11 }.into()),
-        (Request::tokens(&[11]), Error::TokenOutOfRange { index: 0, token: 11, codes: 11 }),
+        (Request::tokens(&[11]), Error::TokenOutOfRange { index: 0, token: 11, codes: 11 }.into()),
     ];
     for (request, error) in refused {
         assert_eq!(stream.plan(&request, &mut ()), Err(error));
         assert_eq!(stream.plan_last(&request, &mut ()), Err(error));
     }
     for request in [Request::text(""), Request::text("jump"), Request::bank("jump"), request.guidance(f32::NAN)] {
-        assert!(matches!(stream.plan(&request, &mut ()), Err(Error::Prompt(_) | Error::Planning(_))));
+        assert!(matches!(
+            stream.plan(&request, &mut ()),
+            Err(StreamError::Request(Error::Prompt(_) | Error::Planning(_)))
+        ));
     }
     assert_eq!((stream.tokens(), stream.room()), (&[1u16, 2, 3, 4][..], 9));
     assert!(stream.plan_last(&request, &mut ()).is_ok());

@@ -1,4 +1,4 @@
-//! Why a request fails.
+//! Why an operation fails, an error each: a request ([`Error`]), a stream ([`StreamError`]); plans have [`PlanError`].
 
 use crate::codec::codebook::TokenOutOfRange;
 use crate::generation::tokens::PlanningError;
@@ -54,17 +54,6 @@ pub enum Error {
     },
     /// The observer asked to abort.
     Aborted,
-    /// More tokens than a stream can queue at present.
-    QueueFull {
-        /// Tokens that were to be queued.
-        found: usize,
-        /// Tokens there is room for.
-        room: usize,
-    },
-    /// The stream's motion has been finished: no more tokens.
-    Finished,
-    /// A stream takes text and tokens, without anchors.
-    NotInParts,
 }
 
 impl core::fmt::Display for Error {
@@ -91,11 +80,6 @@ impl core::fmt::Display for Error {
             Error::Solver(e) => e.fmt(f),
             Error::NotLinked { feature } => PlanError::NotLinked { feature }.fmt(f),
             Error::Aborted => write!(f, "the observer aborted the request"),
-            Error::QueueFull { found, room } => {
-                write!(f, "{found} tokens do not fit the stream's queue, which has room for {room}: take frames first")
-            }
-            Error::Finished => write!(f, "the stream's motion has been finished"),
-            Error::NotInParts => write!(f, "a stream takes text and tokens, neither embeddings nor anchors"),
         }
     }
 }
@@ -155,5 +139,77 @@ impl From<PlanningError> for Error {
 impl From<TokenOutOfRange> for Error {
     fn from(e: TokenOutOfRange) -> Self {
         Error::TokenOutOfRange { index: e.index, token: e.token, codes: e.codes }
+    }
+}
+
+/// Why a stream did not go on. It is usable afterwards, and what it made so far stays what it was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum StreamError {
+    /// What a request for a whole motion fails for as well.
+    Request(Error),
+    /// More tokens than can be queued at present.
+    QueueFull {
+        /// Tokens that were to be queued.
+        found: usize,
+        /// Tokens there is room for.
+        room: usize,
+    },
+    /// The motion has been finished: no more tokens.
+    Finished,
+    /// A stream takes text and tokens, without anchors.
+    NotInParts,
+}
+
+impl core::fmt::Display for StreamError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            StreamError::Request(e) => e.fmt(f),
+            StreamError::QueueFull { found, room } => {
+                write!(f, "{found} tokens do not fit the stream's queue, which has room for {room}: take frames first")
+            }
+            StreamError::Finished => write!(f, "the stream's motion has been finished"),
+            StreamError::NotInParts => write!(f, "a stream takes text and tokens, neither embeddings nor anchors"),
+        }
+    }
+}
+
+impl core::error::Error for StreamError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            StreamError::Request(e) => e.source(),
+            _ => None,
+        }
+    }
+}
+
+impl From<Error> for StreamError {
+    fn from(e: Error) -> Self {
+        StreamError::Request(e)
+    }
+}
+
+impl From<PlanError> for StreamError {
+    fn from(e: PlanError) -> Self {
+        StreamError::Request(e.into())
+    }
+}
+
+impl From<PromptError> for StreamError {
+    fn from(e: PromptError) -> Self {
+        StreamError::Request(e.into())
+    }
+}
+
+impl From<PlanningError> for StreamError {
+    fn from(e: PlanningError) -> Self {
+        StreamError::Request(e.into())
+    }
+}
+
+impl From<TokenOutOfRange> for StreamError {
+    fn from(e: TokenOutOfRange) -> Self {
+        StreamError::Request(e.into())
     }
 }

@@ -13,7 +13,7 @@ pub(crate) mod stream;
 #[cfg(test)]
 mod tests;
 
-pub use error::Error;
+pub use error::{Error, StreamError};
 pub use observer::{Observer, Progress, Stage};
 pub use request::{Request, Source};
 pub use stream::{Frame, MotionStream, Segment};
@@ -370,10 +370,18 @@ impl<'a> Generator<'a> {
             self.model.codebooks().embed(position, u)?;
             hash = hash.f32s(u);
         }
-        let mut motion = self.stream(&StreamLimits { tokens: usize::from(test.tokens), planning: None, rows: ROWS })?;
-        motion.push(tokens)?;
+        let request_error = |e| match e {
+            StreamError::Request(e) => e,
+            other => {
+                invariant!(false, "the stream has as many tokens as it was made for: {other}");
+                Error::Tokens { found: count, limit }
+            }
+        };
+        let limits = StreamLimits { tokens: usize::from(test.tokens), planning: None, rows: ROWS };
+        let mut motion = self.stream(&limits).map_err(request_error)?;
+        motion.push(tokens).map_err(request_error)?;
         motion.finish();
-        while let Some(frames) = motion.frames(&mut ())? {
+        while let Some(frames) = motion.frames(&mut ()).map_err(request_error)? {
             hash = hash.f32s(frames.as_flattened().as_flattened());
         }
         Ok(Some(hash.value() == test.hash))

@@ -2,7 +2,7 @@
 
 use super::observer::{Stage, Watch};
 use super::plan_tokens::plan_tokens;
-use super::{Error, Generator, Observer, Request, Source};
+use super::{Error, Generator, Observer, Request, Source, StreamError};
 use crate::JOINTS;
 use crate::codec::codebook::Codebooks;
 use crate::codec::vq::stream::{self, CHUNK};
@@ -39,8 +39,8 @@ pub struct Segment {
 /// queued that far ahead of playback; the rest of the motion comes after [`MotionStream::finish`].
 ///
 /// ```no_run
-/// # use motionette::{Error, Generator, Length, Request, StreamLimits, generation::tokens::Limits};
-/// # fn run(generator: &mut Generator<'_>, mut play: impl FnMut(&motionette::Frame)) -> Result<(), Error> {
+/// # use motionette::{Generator, Length, Request, StreamError, StreamLimits, generation::tokens::Limits};
+/// # fn run(generator: &mut Generator<'_>, mut play: impl FnMut(&motionette::Frame)) -> Result<(), StreamError> {
 /// let planning = Limits { words: 32, steps: 10, guided: true, anchors: false };
 /// let mut stream = generator.stream(&StreamLimits { tokens: 49, planning: Some(planning), rows: 8 })?;
 /// for prompt in ["a person walks", "a person walks", "a person waves the right hand"] {
@@ -164,13 +164,13 @@ impl<'a> Generator<'a> {
     /// # Errors
     /// [`Error::Arena`], [`Error::Tokens`] when `limits` remember no token or more than the model allows, and
     /// [`PlanningError::NoPlanner`] when they plan without a planner.
-    pub fn stream(&mut self, limits: &StreamLimits) -> Result<MotionStream<'_, 'a>, Error> {
+    pub fn stream(&mut self, limits: &StreamLimits) -> Result<MotionStream<'_, 'a>, StreamError> {
         let model = &self.model;
         let mut arena = Arena::new(self.arena);
         let (needed, available) = (StreamPlan::new(model, limits)?.arena_bytes, arena.available());
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
         if needed > available {
-            return Err(Error::Arena(ArenaTooSmall { needed, available }));
+            return Err(Error::Arena(ArenaTooSmall { needed, available }).into());
         }
         let Buffers { tokens, path, decoder, .. } = Buffers::take(model, limits, &mut arena).map_err(too_small)?;
         Ok(MotionStream {
@@ -228,23 +228,23 @@ impl MotionStream<'_, '_> {
     /// Queues tokens, `[n][Q]` for `Q` quantizers. All of them or, with an error, none.
     ///
     /// # Errors
-    /// [`Error::Finished`], [`Error::QueueFull`], [`Error::Tokens`] for an incomplete position,
+    /// [`StreamError::Finished`], [`StreamError::QueueFull`], [`Error::Tokens`] for an incomplete position,
     /// [`Error::TokenOutOfRange`].
-    pub fn push(&mut self, tokens: &[u16]) -> Result<(), Error> {
+    pub fn push(&mut self, tokens: &[u16]) -> Result<(), StreamError> {
         let codebooks = self.model.codebooks();
         let count = tokens.len() / self.memory.quantizers.max(1);
         if self.finished {
-            return Err(Error::Finished);
+            return Err(StreamError::Finished);
         }
         if count * self.memory.quantizers != tokens.len() {
-            return Err(Error::Tokens { found: tokens.len(), limit: self.model.max_tokens() });
+            return Err(Error::Tokens { found: tokens.len(), limit: self.model.max_tokens() }.into());
         }
         if count > self.room() {
-            return Err(Error::QueueFull { found: count, room: self.room() });
+            return Err(StreamError::QueueFull { found: count, room: self.room() });
         }
         let known = |&token: &u16| usize::from(token) < codebooks.codes() || token == Codebooks::NONE;
         if let Some((index, &token)) = tokens.iter().enumerate().find(|(_, token)| !known(token)) {
-            return Err(Error::TokenOutOfRange { index, token, codes: codebooks.codes() as u16 });
+            return Err(Error::TokenOutOfRange { index, token, codes: codebooks.codes() as u16 }.into());
         }
         self.memory.push(tokens);
         Ok(())
@@ -265,9 +265,9 @@ impl MotionStream<'_, '_> {
     ///
     /// # Errors
     /// Any [`Error`] of the request, [`Error::Arena`] when it needs more than the stream was planned for,
-    /// [`Error::QueueFull`], [`Error::Finished`], [`Error::NotInParts`], and [`Error::Aborted`] when the observer says so.
+    /// [`StreamError::QueueFull`], [`StreamError::Finished`], [`StreamError::NotInParts`], and [`Error::Aborted`] when the observer says so.
     /// The motion so far and its place in the sequence of seeds stay what they were.
-    pub fn plan(&mut self, request: &Request<'_>, observer: &mut impl Observer) -> Result<Segment, Error> {
+    pub fn plan(&mut self, request: &Request<'_>, observer: &mut impl Observer) -> Result<Segment, StreamError> {
         self.plan_segment(request, true, observer)
     }
 
@@ -275,7 +275,7 @@ impl MotionStream<'_, '_> {
     ///
     /// # Errors
     /// Those of [`MotionStream::plan`].
-    pub fn plan_last(&mut self, request: &Request<'_>, observer: &mut impl Observer) -> Result<Segment, Error> {
+    pub fn plan_last(&mut self, request: &Request<'_>, observer: &mut impl Observer) -> Result<Segment, StreamError> {
         let segment = self.plan_segment(request, false, observer)?;
         self.finish();
         Ok(segment)
@@ -286,13 +286,13 @@ impl MotionStream<'_, '_> {
         request: &Request<'_>,
         end_open: bool,
         observer: &mut dyn Observer,
-    ) -> Result<Segment, Error> {
+    ) -> Result<Segment, StreamError> {
         if self.finished {
-            return Err(Error::Finished);
+            return Err(StreamError::Finished);
         }
         let prompt = match request.source {
-            _ if !request.anchors.is_empty() => return Err(Error::NotInParts),
-            Source::Embeddings(_) => return Err(Error::NotInParts),
+            _ if !request.anchors.is_empty() => return Err(StreamError::NotInParts),
+            Source::Embeddings(_) => return Err(StreamError::NotInParts),
             Source::Tokens(tokens) => {
                 self.push(tokens)?;
                 let tokens = tokens.len() / self.memory.quantizers.max(1);
@@ -314,7 +314,7 @@ impl MotionStream<'_, '_> {
         let own = Planning { length, ..request.planning };
         let count = own.check(capacity, codes, frames_per_token)?;
         if count > room {
-            return Err(Error::QueueFull { found: count, room });
+            return Err(StreamError::QueueFull { found: count, room });
         }
 
         // The window: what is remembered and fits before the new tokens.
@@ -344,7 +344,7 @@ impl MotionStream<'_, '_> {
         let available = self.spare.available();
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
         if needed > available {
-            return Err(Error::Arena(ArenaTooSmall { needed, available }));
+            return Err(Error::Arena(ArenaTooSmall { needed, available }).into());
         }
         let mut arena = self.spare.overlay();
         let window = arena.take::<u16>(capacity).map_err(too_small)?;
@@ -371,7 +371,7 @@ impl MotionStream<'_, '_> {
     ///
     /// # Errors
     /// [`Error::Aborted`] when the observer says so. Nothing is lost: the next call carries on where this one stopped.
-    pub fn frames(&mut self, observer: &mut impl Observer) -> Result<Option<&[Frame]>, Error> {
+    pub fn frames(&mut self, observer: &mut impl Observer) -> Result<Option<&[Frame]>, StreamError> {
         let decoder = self.model.decoder();
         let codebooks = self.model.codebooks();
         if !self.decoder.waiting() {
@@ -392,7 +392,7 @@ impl MotionStream<'_, '_> {
         let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
         let all = channels(u32::MAX);
         let flow = self.decoder.advance(decoder, &all, &mut || watch.ask_at_the_end());
-        let ControlFlow::Continue(values) = flow else { return Err(Error::Aborted) };
+        let ControlFlow::Continue(values) = flow else { return Err(Error::Aborted.into()) };
         let frames = values.len() / all.count().max(1);
         self.memory.queued = self.memory.queued.saturating_sub(self.chunk);
         self.held = (self.held + self.chunk * self.model.frames_per_token()).saturating_sub(frames);

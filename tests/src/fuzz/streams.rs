@@ -3,8 +3,8 @@
 
 use motionette::numerics::hash::Stream;
 use motionette::{
-    AnchorList, Error, Fixed, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, Stop, StreamLimits,
-    StreamPlan, generation::tokens as planning,
+    AnchorList, Error, Fixed, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, Stop, StreamError,
+    StreamLimits, StreamPlan, generation::tokens as planning,
 };
 use std::ops::ControlFlow;
 
@@ -48,7 +48,9 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
     let mut stream = match generator.stream(&limits) {
         Ok(_) if short => return Err("a stream in less memory than planned".to_owned()),
         Ok(stream) => stream,
-        Err(Error::Arena(e)) if short && (e.needed, e.available) == (plan.arena_bytes, size) => return Ok(()),
+        Err(StreamError::Request(Error::Arena(e))) if short && (e.needed, e.available) == (plan.arena_bytes, size) => {
+            return Ok(());
+        }
         Err(e) => return Err(format!("a stream inside its limits was refused: {e}")),
     };
     let mut seen = Seen::default();
@@ -124,7 +126,7 @@ fn operation(
                 match stream.frames(&mut stopper) {
                     Ok(Some(frames)) => keep(frames, most, seen)?,
                     Ok(None) => break,
-                    Err(Error::Aborted) => {}
+                    Err(StreamError::Request(Error::Aborted)) => {}
                     Err(e) => return Err(format!("frames were refused: {e}")),
                 }
             }

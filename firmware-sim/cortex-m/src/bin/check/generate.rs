@@ -5,7 +5,7 @@ use core::{hint::black_box, ops::ControlFlow};
 use motionette::ROWS;
 use motionette::{
     Anchor, AnchorList, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
-    Sampling, Source, Stop, StreamLimits, StreamPlan, generation::tokens as planning, refining::Config,
+    Sampling, Source, Stop, StreamError, StreamLimits, StreamPlan, generation::tokens as planning, refining::Config,
 };
 
 /// An observer whose answer the optimiser cannot know.
@@ -28,6 +28,7 @@ impl Observer for Watch {
 pub enum Refused {
     Blob(motionette::blob::Error),
     Request(Error),
+    Stream(StreamError),
     #[cfg(feature = "playback")]
     Robot(motionette::playback::RobotError),
 }
@@ -89,16 +90,16 @@ pub fn serve(
 /// A motion made piece by piece.
 #[inline(never)]
 fn stream(generator: &mut Generator<'_>, limits: &StreamLimits, request: &Request<'_>) -> Result<u64, Refused> {
-    let mut stream = generator.stream(limits).map_err(Refused::Request)?;
+    let mut stream = generator.stream(limits).map_err(Refused::Stream)?;
     let mut frames = 0;
     for last in black_box([false, true]) {
         black_box((stream.room(), stream.frames_ahead(), stream.rebase()));
         let watch = &mut Watch(ControlFlow::Continue(()));
         let planned = if last { stream.plan_last(request, watch) } else { stream.plan(request, watch) };
-        black_box(planned.map_err(Refused::Request)?);
-        black_box(stream.push(black_box(&[0])).map_err(Refused::Request)?);
+        black_box(planned.map_err(Refused::Stream)?);
+        black_box(stream.push(black_box(&[0])).map_err(Refused::Stream)?);
         black_box(stream.tokens());
-        while let Some(piece) = stream.frames(watch).map_err(Refused::Request)? {
+        while let Some(piece) = stream.frames(watch).map_err(Refused::Stream)? {
             frames += black_box(piece).len() as u64;
         }
     }
