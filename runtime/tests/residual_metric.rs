@@ -2,9 +2,9 @@
 
 mod mock;
 
-use mock::{Mock, Random};
+use mock::{Mock, Random, run};
 use motionette::refining::metric::{Prior, ResidualMetric, Residuals, factor_len};
-use motionette::refining::{Config, MotionMap, Objective, Prior as Exported, scratch_len, solve};
+use motionette::refining::{Config, MotionMap, Prior as Exported};
 use motionette::request::conditions::{Anchor, AnchorSet, Family};
 
 const PRIOR: Prior = Prior { root: 1.3, yaw: 0.7, body: 0.9, height: 0.2, range: 1.25, floor: 0.02 };
@@ -144,8 +144,7 @@ fn a_prior_without_variance_is_no_metric() {
         let config = Config { prior, ..Config::fast(12) };
         let (mut u, anchors) = mock.problem(2, &[(30, None), (60, Some(20))], false);
         let set = mock.set(&anchors);
-        let mut scratch = vec![0.0; scratch_len(20, 6, set.len(), &config)];
-        let report = solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
+        let report = run(&mut mock, &mut u, &set, &config).unwrap();
         assert!(report.objective_after < 0.2 * report.objective_before);
     }
 }
@@ -160,8 +159,7 @@ fn root_anchors_need_fewer_evaluations_under_the_metric() {
             let (mut u, anchors) = mock.problem(seed, &places, true);
             let set = mock.set(&anchors);
             let config = Config { prior, stop_error: 0.01, ..Config::fast(100) };
-            let mut scratch = vec![0.0; scratch_len(25, 16, set.len(), &config)];
-            let report = solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
+            let report = run(&mut mock, &mut u, &set, &config).unwrap();
             *total += u32::from(report.evaluations);
         }
     }

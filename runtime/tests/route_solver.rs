@@ -4,7 +4,8 @@
 
 mod mock;
 
-use mock::{Mock, Random};
+use mock::{Mock, Random, Scratch};
+use motionette::memory::{ALIGNMENT, Arena, ArenaTooSmall};
 use motionette::refining::activity::{Random as Shuffler, activities};
 use motionette::refining::basis::{IntervalBasis, MAX_INTERVALS, values_len};
 use motionette::refining::terms::Point;
@@ -12,8 +13,8 @@ use motionette::refining::terms::anchors::Distances;
 use motionette::refining::terms::feasibility::Feasibility;
 use motionette::refining::terms::smoothness::Smoothness;
 use motionette::refining::{
-    Activity, Basis, Config, MotionMap, Objective, PerFamily, Report, SolverError, StopReason, TokenGrid, scratch_len,
-    solve,
+    Activity, Basis, Config, MotionMap, Objective, PerFamily, Report, Shape, SolverError, StopReason, TokenGrid,
+    scratch_bytes, solve,
 };
 use motionette::request::conditions::{Anchor, AnchorSet};
 
@@ -39,6 +40,9 @@ fn places(kind: usize, count: usize, seed: u64) -> (Vec<(u16, Option<u8>)>, bool
     (list, kind == 1)
 }
 
+/// Of bytes that nobody has written.
+const PAINT: u8 = 0xA5;
+
 fn problem(kind: usize, count: usize, seed: u64) -> (Mock, Vec<f32>, AnchorSet) {
     let mut mock = Mock::new(7, TOKENS, WIDTH);
     let (places, planar) = places(kind, count, seed);
@@ -52,8 +56,7 @@ fn distances_of(mock: &Mock, set: &AnchorSet) -> Distances {
 }
 
 fn run(mock: &mut Mock, u: &mut [f32], set: &AnchorSet, config: &Config) -> Report {
-    let mut scratch = vec![f32::NAN; scratch_len(mock.tokens, mock.width, set.len(), config)];
-    solve(mock, u, &Objective::new(set, config), config, &mut scratch).expect("solves")
+    mock::run(mock, u, set, config).expect("solves")
 }
 
 /// Mean control error before and after over some problems, metres.
@@ -338,17 +341,19 @@ fn scratch_is_exact_and_checked() {
             let list: Vec<_> = (0..count).map(|i| ((i * (4 * tokens - 1) / count) as u16, None)).collect::<Vec<_>>();
             let (mut u, anchors) = mock.problem(3, &list, false);
             let set = mock.set(&anchors);
-            let need = scratch_len(tokens, width, set.len(), &config);
-            let mut short = vec![0.0; need - 1];
-            let error = solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut short).unwrap_err();
-            assert_eq!(error, SolverError::Scratch { have: need - 1, need });
+            let need = scratch_bytes(Shape { tokens, width, anchors: set.len() }, &config);
+            let mut scratch = Scratch::new(need + 1, PAINT);
+            let objective = Objective::new(&set, &config);
+            let short = Arena::new(&mut scratch.bytes()[..need - 1]);
+            let error = solve(&mut mock, &mut u, &objective, &config, short).unwrap_err();
+            assert_eq!(error, SolverError::Arena(ArenaTooSmall { needed: need, available: need - 1 }));
             assert_eq!(mock.forwards, 0);
 
-            // One guard number behind the planned length stays untouched; all before it is used.
-            let mut scratch = vec![f32::NAN; need + 1];
-            solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
-            assert!(scratch[..need].iter().all(|v| v.is_finite()));
-            assert!(scratch[need].is_nan());
+            // A guard behind what was asked for stays as it was, and what lies in front is used to its end.
+            scratch.bytes().fill(PAINT);
+            solve(&mut mock, &mut u, &objective, &config, Arena::new(&mut scratch.bytes()[..])).unwrap();
+            assert!(scratch.bytes()[need..].iter().all(|&byte| byte == PAINT));
+            assert!(scratch.bytes()[need - ALIGNMENT..need].iter().any(|&byte| byte != PAINT));
         }
     }
 }
@@ -371,7 +376,7 @@ fn any_grid_of_tokens_and_frames_is_solved() {
 
 #[test]
 fn memory_budgets_hold() {
-    let kib = |anchors, config: &Config| scratch_len(49, 32, anchors, config) * 4 / 1024;
+    let kib = |anchors, config: &Config| scratch_bytes(Shape { tokens: 49, width: 32, anchors }, config) / 1024;
     for config in [Config::fast(20), Config::published(200)] {
         assert!(kib(8, &config) < 60, "{} KiB", kib(8, &config));
         assert!(kib(32, &config) < 150, "{} KiB", kib(32, &config));
@@ -382,19 +387,17 @@ fn memory_budgets_hold() {
 fn wrong_shapes_are_refused() {
     let (mut mock, mut u, set) = problem(0, 4, 1);
     let config = Config::fast(5);
-    let mut scratch = vec![0.0; scratch_len(TOKENS, WIDTH, set.len(), &config)];
     let short = u.len() - 1;
-    let error = solve(&mut mock, &mut u[..short], &Objective::new(&set, &config), &config, &mut scratch).unwrap_err();
+    let error = mock::run(&mut mock, &mut u[..short], &set, &config).unwrap_err();
     assert_eq!(error, SolverError::Shape { have: short, need: short + 1 });
 
     let far = AnchorSet::new(&[Anchor::root(150, [0.0, 0.9, 0.0])], 196).unwrap();
-    let error = solve(&mut mock, &mut u, &Objective::new(&far, &config), &config, &mut scratch).unwrap_err();
+    let error = mock::run(&mut mock, &mut u, &far, &config).unwrap_err();
     assert_eq!(error, SolverError::FrameOutOfRange { frame: 150, frames: 4 * TOKENS });
 
     for (tokens, frames_per_token, limit) in [(0, 4, 16_384), (5, 0, 0), (2049, 32, 2048)] {
         let mut mock = Mock::with_frames_per_token(1, tokens, 1, frames_per_token);
-        let error =
-            solve(&mut mock, &mut [], &Objective::new(&AnchorSet::EMPTY, &config), &config, &mut []).unwrap_err();
+        let error = mock::run(&mut mock, &mut [], &AnchorSet::EMPTY, &config).unwrap_err();
         assert_eq!(error, SolverError::Tokens { tokens, limit });
         assert!(!error.to_string().is_empty());
     }
@@ -403,12 +406,11 @@ fn wrong_shapes_are_refused() {
 #[test]
 fn results_do_not_depend_on_what_scratch_held() {
     for config in [Config::fast(15), Config::published(15)] {
-        let solve_over = |filler: f32| {
+        let solve_over = |filler: u8| {
             let (mut mock, mut u, set) = problem(3, 6, 8);
-            let mut scratch = vec![filler; scratch_len(TOKENS, WIDTH, set.len(), &config)];
-            solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
+            mock::run_over(filler, &mut mock, &mut u, &set, &config).unwrap();
             u
         };
-        assert_eq!(solve_over(f32::NAN), solve_over(3.0e7));
+        assert_eq!(solve_over(0xFF), solve_over(0x4B));
     }
 }

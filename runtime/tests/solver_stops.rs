@@ -2,8 +2,8 @@
 
 mod mock;
 
-use mock::{Mock, StopAt};
-use motionette::refining::{Config, MotionMap, Objective, Report, SolverError, Stop, StopReason, scratch_len, solve};
+use mock::{Mock, StopAt, run};
+use motionette::refining::{Config, MotionMap, Objective, SolverError, Stop, StopReason};
 use motionette::request::conditions::AnchorSet;
 
 const TOKENS: usize = 12;
@@ -18,11 +18,6 @@ fn problem() -> (Mock, Vec<f32>, AnchorSet) {
 
 fn methods() -> [Config; 2] {
     [Config { stop_error: 0.0, ..Config::fast(15) }, Config::published(14)]
-}
-
-fn run(mock: &mut Mock, u: &mut [f32], set: &AnchorSet, config: &Config) -> Result<Report, SolverError> {
-    let mut scratch = vec![0.0; scratch_len(TOKENS, WIDTH, set.len(), config)];
-    solve(mock, u, &Objective::new(set, config), config, &mut scratch)
 }
 
 /// `J` at `u`, and that `u` is one of the points evaluated.
@@ -128,17 +123,16 @@ fn a_map_that_breaks_is_refused_or_survived() {
 fn a_solver_can_run_again_at_once() {
     for config in methods() {
         let (mut mock, start, set) = problem();
-        let mut scratch = vec![0.0; scratch_len(TOKENS, WIDTH, set.len(), &config)];
         let mut expected = start.clone();
-        solve(&mut mock, &mut expected, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
+        run(&mut mock, &mut expected, &set, &config).unwrap();
         for at in [0, 3, 8] {
             let mut u = start.clone();
             (mock.forwards, mock.backwards) = (0, 0);
             mock.stop_at = Some(StopAt { calls: at, stop: Stop::Abort });
-            solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap_err();
+            run(&mut mock, &mut u, &set, &config).unwrap_err();
             mock.stop_at = None;
             u.copy_from_slice(&start);
-            solve(&mut mock, &mut u, &Objective::new(&set, &config), &config, &mut scratch).unwrap();
+            run(&mut mock, &mut u, &set, &config).unwrap();
             assert_eq!(u, expected);
         }
     }

@@ -81,10 +81,10 @@ pub(crate) fn solver<'a>(
     model: &Model<'_>,
     limits: &Limits,
     arena: &mut Arena<'a>,
-) -> Result<&'a mut [f32], ArenaTooSmall> {
-    let Limits { tokens, anchors, refinement, .. } = limits;
-    let width = model.decoder().code_width();
-    arena.take(if *anchors > 0 { refining::scratch_len(*tokens, width, *anchors, refinement) } else { 0 })
+) -> Result<Arena<'a>, ArenaTooSmall> {
+    let &Limits { tokens, anchors, ref refinement, .. } = limits;
+    let shape = refining::Shape { tokens, width: model.decoder().code_width(), anchors };
+    arena.part(if anchors > 0 { refining::scratch_bytes(shape, refinement) } else { 0 })
 }
 
 /// The last layer's quantised input `[T][W]` and its scales `[T]`, which rotations are computed from: in the solver's place.

@@ -11,7 +11,8 @@ use super::observer::{Observer, Progress, Stage, Watch};
 use crate::JOINTS;
 use crate::channels::Channels;
 use crate::codec::Decode;
-use crate::refining::{Config, MotionMap, Objective, Report, Stop, scratch_len, solve};
+use crate::memory::{ALIGNMENT, Arena};
+use crate::refining::{Config, MotionMap, Objective, Report, Shape, Stop, scratch_bytes, solve};
 use crate::representation::humanml3d::{self, Recovery};
 use crate::representation::{Features, Recover};
 use crate::request::conditions::{Anchor, AnchorSet, Target};
@@ -143,8 +144,9 @@ fn bend<R: Recover + Copy>(decoder: &Repeat, recovery: R, path: &mut R::Path<'_>
     };
     let mut u: Vec<f32> = (0..TOKENS * decoder.features).map(|i| 0.02 * (i as f32 * 0.7).sin()).collect();
     let gradient_error = gradient_error(&mut map, &u, anchors);
-    let mut scratch = vec![0.0; scratch_len(TOKENS, decoder.features, set.len(), &config)];
-    let report = solve(&mut map, &mut u, &objective, &config, &mut scratch).unwrap();
+    let shape = Shape { tokens: TOKENS, width: decoder.features, anchors: set.len() };
+    let mut scratch = vec![0u8; scratch_bytes(shape, &config) + ALIGNMENT];
+    let report = solve(&mut map, &mut u, &objective, &config, Arena::new(&mut scratch)).unwrap();
     assert!(map.forward(&u).is_continue());
     let distance = |anchor: &Anchor| {
         let (joint, wanted) = wanted(anchor);
@@ -218,7 +220,7 @@ fn another_codec_makes_humanml3ds_features() {
     let decoder = Repeat { features: humanml3d::FEATURES, passes: Cell::new(0) };
     let (mean, std) = (vec![0.0; humanml3d::FEATURES], vec![1.0; humanml3d::FEATURES]);
     let mut memory = vec![0u8; 7 * 4 * (FRAMES + 4) + 64];
-    let mut path = humanml3d::Path::take(&mut crate::memory::Arena::new(&mut memory), FRAMES, true).unwrap();
+    let mut path = humanml3d::Path::take(&mut Arena::new(&mut memory), FRAMES, true).unwrap();
     met(&bend(&decoder, Recovery { mean: &mean, std: &std }, &mut path, &anchors()));
 }
 

@@ -2,7 +2,7 @@
 //! AnchorRoute, EQUATIONS section 5).
 //!
 //! This layer knows a differentiable road from token embeddings to joint positions, [`MotionMap`], and nothing of what
-//! lies behind it. It owns no memory: [`solve`] works in one slice of [`scratch_len`] numbers.
+//! lies behind it. It owns no memory: [`solve`] works in an arena of [`scratch_bytes`].
 //!
 //! # Layers
 //! - [`methods`]: entry point and the two ways to step: RouteSolver as published, and the fast default, L-BFGS.
@@ -36,7 +36,7 @@ pub use crate::stop::Stop;
 pub use config::{Activity, Basis, Config, Method, PerFamily};
 pub use grid::TokenGrid;
 pub use map::MotionMap;
-pub use methods::{scratch_len, solve};
+pub use methods::{Shape, scratch_bytes, solve};
 pub use metric::Prior;
 pub use report::{ControlError, Report, SolverError, StopReason};
 pub(crate) use terms::most_joints;

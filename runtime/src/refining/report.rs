@@ -1,5 +1,6 @@
 //! What a solve did, and why it failed.
 
+use crate::memory::ArenaTooSmall;
 use core::fmt;
 
 use super::Stop;
@@ -63,13 +64,8 @@ pub struct Report {
 pub enum SolverError {
     /// The observer asked to abort.
     Aborted,
-    /// The scratch slice is too short.
-    Scratch {
-        /// Numbers given.
-        have: usize,
-        /// Numbers needed: [`scratch_len`](super::scratch_len).
-        need: usize,
-    },
+    /// The arena is too small: [`scratch_bytes`](super::scratch_bytes) says what is needed.
+    Arena(ArenaTooSmall),
     /// `u` does not have `tokens * width` numbers.
     Shape {
         /// Numbers given.
@@ -99,7 +95,7 @@ impl fmt::Display for SolverError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Aborted => write!(f, "the observer aborted the solve"),
-            Self::Scratch { have, need } => write!(f, "scratch of {have} numbers given, {need} are needed"),
+            Self::Arena(ref e) => e.fmt(f),
             Self::Shape { have, need } => write!(f, "u has {have} numbers, the map takes {need}"),
             Self::Tokens { tokens, limit } => write!(f, "the map has {tokens} tokens, 1 to {limit} can be solved"),
             Self::FrameOutOfRange { frame, frames } => {

@@ -6,8 +6,11 @@ use std::vec;
 use std::vec::Vec;
 
 use super::terms::Floor;
-use super::{Basis, Config, MotionMap, Objective, Report, Stop, StopReason, Term, TokenGrid, scratch_len, solve};
+use super::{
+    Basis, Config, MotionMap, Objective, Report, Shape, Stop, StopReason, Term, TokenGrid, scratch_bytes, solve,
+};
 use crate::JOINTS;
+use crate::memory::{ALIGNMENT, Arena};
 use crate::request::conditions::{Anchor, AnchorSet};
 
 const WIDTH: usize = 3 * JOINTS;
@@ -73,8 +76,9 @@ fn bent(objective: &Objective<'_>, config: &Config) -> (Direct, Vec<f32>, Report
     let mut map =
         Direct { positions: vec![0.0; numbers], gradient: vec![0.0; numbers], asked: Cell::new(0), errors: Vec::new() };
     let mut u = vec![0.0; numbers];
-    let mut scratch = vec![0.0; scratch_len(GRID.tokens, WIDTH, objective.anchors().len(), config)];
-    let report = solve(&mut map, &mut u, objective, config, &mut scratch).expect("it solves");
+    let shape = Shape { tokens: GRID.tokens, width: WIDTH, anchors: objective.anchors().len() };
+    let mut scratch = vec![0u8; scratch_bytes(shape, config) + ALIGNMENT];
+    let report = solve(&mut map, &mut u, objective, config, Arena::new(&mut scratch)).expect("it solves");
     (map, u, report)
 }
 

@@ -7,13 +7,49 @@
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
-use motionette::refining::{MotionMap, Stop, TokenGrid};
+use motionette::memory::{ALIGNMENT, Arena};
+use motionette::refining::{
+    Config, MotionMap, Objective, Report, Shape, SolverError, Stop, TokenGrid, scratch_bytes, solve,
+};
 use motionette::request::conditions::{Anchor, AnchorSet};
 
 pub const JOINTS: usize = 22;
 /// Yaw velocity, planar velocity, height, 21 local positions.
 const CHANNELS: usize = 4 + 63;
 const HIDDEN: usize = 24;
+
+/// Bytes on a boundary that the arena begins on.
+pub struct Scratch(Vec<u128>);
+
+impl Scratch {
+    /// So many, with `filler` in each.
+    pub fn new(bytes: usize, filler: u8) -> Self {
+        Self(vec![u128::from_ne_bytes([filler; ALIGNMENT]); bytes.div_ceil(ALIGNMENT)])
+    }
+
+    pub fn bytes(&mut self) -> &mut [u8] {
+        bytemuck::cast_slice_mut(&mut self.0)
+    }
+}
+
+/// Solves in an arena of exactly the size that is asked for, full of `filler` bytes.
+pub fn run_over(
+    filler: u8,
+    mock: &mut Mock,
+    u: &mut [f32],
+    set: &AnchorSet,
+    config: &Config,
+) -> Result<Report, SolverError> {
+    let shape = Shape { tokens: mock.tokens, width: mock.width, anchors: set.len() };
+    let need = scratch_bytes(shape, config);
+    let mut scratch = Scratch::new(need, filler);
+    solve(mock, u, &Objective::new(set, config), config, Arena::new(&mut scratch.bytes()[..need]))
+}
+
+/// The same; numbers of the arena are NaN.
+pub fn run(mock: &mut Mock, u: &mut [f32], set: &AnchorSet, config: &Config) -> Result<Report, SolverError> {
+    run_over(0xFF, mock, u, set, config)
+}
 
 /// Seeded numbers, xorshift64*.
 #[derive(Clone)]

@@ -5,34 +5,73 @@ pub mod quasi_newton;
 
 use core::ops::ControlFlow;
 
-use super::basis::{IntervalBasis, most_coefficients, values_len};
+use super::basis::{IntervalBasis, values_len};
 use super::config::{Config, Method};
 use super::metric::{Prior, ResidualMetric};
 use super::report::{Report, SolverError, StopReason};
 use super::terms::{Objective, Point};
-use super::vector::{clear, copy, squared_distance};
+use super::vector::{copy, squared_distance};
 use super::{MotionMap, Stop};
+use crate::memory::{Arena, ArenaTooSmall};
 use crate::request::conditions::AnchorSet;
 
 /// Most frames of a motion: anchors and intervals count them in 16 bits.
 const MAX_FRAMES: usize = 1 << 16;
 
-/// Numbers (`f32`) of scratch that [`solve`] uses for a motion of `tokens` tokens of `width` numbers and `anchors` distinct
-/// anchors: exact, known before anything runs.
-pub const fn scratch_len(tokens: usize, width: usize, anchors: usize, config: &Config) -> usize {
-    let variable = tokens * width;
-    match config.method {
-        // Function values; u0, best u, gradient, and Adam's two moments.
-        Method::Published => values_len(tokens, config.basis) + 5 * variable,
-        Method::QuasiNewton => {
-            let coefficients = most_coefficients(tokens, anchors, config.basis) * width;
-            values_len(tokens, config.basis) + quasi_newton::scratch_len(variable, coefficients, anchors, config)
-        }
+/// Shape of a problem.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// Tokens of the motion.
+    pub tokens: usize,
+    /// Numbers of a token embedding.
+    pub width: usize,
+    /// Distinct anchors.
+    pub anchors: usize,
+}
+
+impl Shape {
+    /// Numbers of all embeddings.
+    const fn variables(&self) -> usize {
+        self.tokens.saturating_mul(self.width)
     }
 }
 
+/// What a solve works in, declared once.
+struct Buffers<'s> {
+    /// Function values of the basis.
+    values: &'s mut [f32],
+    /// `u0`.
+    origin: &'s mut [f32],
+    /// Of the method.
+    steps: Steps<'s>,
+}
+
+enum Steps<'s> {
+    Published(published::Buffers<'s>),
+    QuasiNewton(quasi_newton::Buffers<'s>),
+}
+
+impl<'s> Buffers<'s> {
+    fn take(arena: &mut Arena<'s>, shape: Shape, config: &Config) -> Result<Self, ArenaTooSmall> {
+        Ok(Buffers {
+            values: arena.take(values_len(shape.tokens, config.basis))?,
+            origin: arena.take(shape.variables())?,
+            steps: match config.method {
+                Method::Published => Steps::Published(published::Buffers::take(arena, shape)?),
+                Method::QuasiNewton => Steps::QuasiNewton(quasi_newton::Buffers::take(arena, shape, config)?),
+            },
+        })
+    }
+}
+
+/// Arena bytes that [`solve`] takes for a problem of this shape: exact, known before anything runs.
+#[must_use]
+pub fn scratch_bytes(shape: Shape, config: &Config) -> usize {
+    Arena::measure(|arena| Buffers::take(arena, shape, config))
+}
+
 /// Moves the token embeddings `u [tokens][width]` (in: `u0`) so that the motion of `map` meets `objective`, within
-/// `config.evaluations` decoder evaluations. The best `u` found is left in `u`, also when the observer stops the work.
+/// `config.evaluations` decoder evaluations, in [`scratch_bytes`] of `arena`. The best `u` found is left in `u`, also when the observer stops the work.
 /// Unreachable anchors are approached as far as the budget allows; the report says what remains.
 ///
 /// # Errors
@@ -42,7 +81,7 @@ pub fn solve<M: MotionMap>(
     u: &mut [f32],
     objective: &Objective<'_>,
     config: &Config,
-    scratch: &mut [f32],
+    mut arena: Arena<'_>,
 ) -> Result<Report, SolverError> {
     let anchors = objective.anchors();
     let (grid, width) = (map.grid(), map.width());
@@ -59,26 +98,18 @@ pub fn solve<M: MotionMap>(
     {
         return Err(SolverError::FrameOutOfRange { frame, frames });
     }
-    let need = scratch_len(tokens, width, anchors.len(), config);
-    let have = scratch.len();
-    let too_short = SolverError::Scratch { have, need };
-    let Some(scratch) = scratch.get_mut(..need) else { return Err(too_short) };
-    // Results do not depend on what was here before, and the whole planned length is touched.
-    clear(scratch);
-    let Some((values, scratch)) = scratch.split_at_mut_checked(values_len(tokens, config.basis)) else {
-        return Err(too_short);
-    };
-
+    let Buffers { values, origin, steps } =
+        Buffers::take(&mut arena, Shape { tokens, width, anchors: anchors.len() }, config)
+            .map_err(SolverError::Arena)?;
     let mut run = Run::new(map, objective, config);
     if objective.is_empty() {
         return Ok(run.report(StopReason::NoAnchors, 0.0));
     }
     let mut basis = IntervalBasis::new(anchors, grid, config.basis, values);
-    let Some((origin, scratch)) = scratch.split_at_mut_checked(u.len()) else { return Err(too_short) };
     copy(origin, u);
-    let reason = match config.method {
-        Method::Published => published::descend(&mut run, u, origin, &basis, scratch)?,
-        Method::QuasiNewton => quasi_newton::descend(&mut run, u, origin, &mut basis, scratch)?,
+    let reason = match steps {
+        Steps::Published(buffers) => published::descend(&mut run, u, origin, &basis, buffers)?,
+        Steps::QuasiNewton(buffers) => quasi_newton::descend(&mut run, u, origin, &mut basis, buffers)?,
     };
     let distance = libm::sqrtf(squared_distance(u, origin));
     Ok(run.report(reason, distance))

@@ -17,24 +17,38 @@ use super::super::basis::IntervalBasis;
 use super::super::config::Basis;
 use super::super::optimiser::adam::Adam;
 use super::super::report::{Ended, SolverError, StopReason, stopped};
-use super::super::vector::{all_finite, axpy, copy, rows_mut, squared_distance};
-use super::Run;
+use super::super::vector::{all_finite, axpy, copy, squared_distance};
+use super::{Run, Shape};
+use crate::memory::{Arena, ArenaTooSmall};
 
-/// Steps from `u = origin` on `scratch` of 4 variables: best `u`, gradient, two moments. Leaves the best iterate by `J` in `u`.
+/// What the method works in, as many numbers each as the embeddings have.
+pub(super) struct Buffers<'s> {
+    best: &'s mut [f32],
+    /// Gradient, then step.
+    delta: &'s mut [f32],
+    first_moment: &'s mut [f32],
+    second_moment: &'s mut [f32],
+}
+
+impl<'s> Buffers<'s> {
+    pub(super) fn take(arena: &mut Arena<'s>, shape: Shape) -> Result<Self, ArenaTooSmall> {
+        let n = shape.variables();
+        let [best, delta] = [arena.take(n)?, arena.take(n)?];
+        Ok(Buffers { best, delta, first_moment: arena.take(n)?, second_moment: arena.take(n)? })
+    }
+}
+
+/// Steps from `u = origin` on. Leaves the best iterate by `J` in `u`.
 pub(super) fn descend<M: MotionMap>(
     run: &mut Run<'_, M>,
     u: &mut [f32],
     origin: &[f32],
     basis: &IntervalBasis<'_>,
-    scratch: &mut [f32],
+    buffers: Buffers<'_>,
 ) -> Ended {
-    let mut parts = rows_mut(scratch, u.len());
-    let (Some(best), Some(delta), Some(first), Some(second)) = (parts.next(), parts.next(), parts.next(), parts.next())
-    else {
-        return Err(SolverError::Scratch { have: 0, need: 4 * u.len() });
-    };
+    let Buffers { best, delta, first_moment, second_moment } = buffers;
     copy(best, u);
-    let ended = adam_steps(run, u, origin, basis, best, delta, Adam::new(first, second));
+    let ended = adam_steps(run, u, origin, basis, best, delta, Adam::new(first_moment, second_moment));
     copy(u, best);
     ended
 }

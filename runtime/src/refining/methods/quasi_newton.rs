@@ -16,15 +16,16 @@
 use core::ops::ControlFlow;
 
 use super::super::activity::{Random, activities};
-use super::super::basis::IntervalBasis;
+use super::super::basis::{IntervalBasis, most_coefficients};
 use super::super::config::Config;
 use super::super::metric::factor_len;
-use super::super::optimiser::lbfgs::{Lbfgs, MAX_MEMORY, history_len};
+use super::super::optimiser::lbfgs::{Lbfgs, MAX_MEMORY};
 use super::super::report::{Ended, SolverError, StopReason, stopped};
 use super::super::terms::{Objective, Point};
-use super::super::vector::{all_finite, axpy, clear, copy, dot, squared_distance};
+use super::super::vector::{all_finite, axpy, copy, dot, squared_distance};
 use super::super::{MotionMap, Stop};
-use super::Run;
+use super::{Run, Shape};
+use crate::memory::{Arena, ArenaTooSmall};
 
 /// Fraction of the predicted decrease that a step must reach.
 const SUFFICIENT: f32 = 1e-4;
@@ -47,10 +48,27 @@ const fn memory(config: &Config) -> usize {
     }
 }
 
-/// Numbers for `u0`, the token gradient, the metric, `x`, the best `x`, `g`, `d` and the history.
-pub(super) const fn scratch_len(variable: usize, coefficients: usize, anchors: usize, config: &Config) -> usize {
-    let metric = if config.prior.is_some() { factor_len(anchors) } else { 0 };
-    2 * variable + metric + 4 * coefficients + history_len(coefficients, memory(config))
+/// What the method works in.
+pub(super) struct Buffers<'s> {
+    /// Gradient with respect to the embeddings.
+    tokens: &'s mut [f32],
+    /// The metric's factor.
+    metric: &'s mut [f32],
+    /// `x`, the best `x`, gradient and direction: as many coefficients each as there may be.
+    coefficients: [&'s mut [f32]; 4],
+    /// Steps and changes of the history.
+    history: [&'s mut [f32]; 2],
+}
+
+impl<'s> Buffers<'s> {
+    pub(super) fn take(arena: &mut Arena<'s>, shape: Shape, config: &Config) -> Result<Self, ArenaTooSmall> {
+        let tokens = arena.take(shape.variables())?;
+        let metric = arena.take(if config.prior.is_some() { factor_len(shape.anchors) } else { 0 })?;
+        let n = most_coefficients(shape.tokens, shape.anchors, config.basis).saturating_mul(shape.width);
+        let coefficients = [arena.take(n)?, arena.take(n)?, arena.take(n)?, arena.take(n)?];
+        let pairs = n.saturating_mul(memory(config));
+        Ok(Buffers { tokens, metric, coefficients, history: [arena.take(pairs)?, arena.take(pairs)?] })
+    }
 }
 
 /// Descends from `u = origin`; leaves the best iterate by `J` in `u`.
@@ -59,15 +77,12 @@ pub(super) fn descend<'a, M: MotionMap>(
     u: &mut [f32],
     origin: &[f32],
     basis: &mut IntervalBasis<'_>,
-    scratch: &'a mut [f32],
+    buffers: Buffers<'a>,
 ) -> Ended {
-    let shortage = SolverError::Scratch { have: scratch.len(), need: u.len() };
-    let metric = if run.config.prior.is_some() { factor_len(run.anchors().len()) } else { 0 };
-    let Some((tokens, work)) = scratch.split_at_mut_checked(u.len()) else { return Err(shortage) };
-    let Some((metric, work)) = work.split_at_mut_checked(metric) else { return Err(shortage) };
+    let Buffers { tokens, metric, coefficients, history } = buffers;
     basis.orthonormalise();
     let n = basis.coefficients() * run.width();
-    let Some(mut state) = State::new(work, n, memory(run.config)) else { return Err(shortage) };
+    let mut state = State::new(coefficients, history, n, memory(run.config));
 
     if run.spent() {
         return Ok(StopReason::Budget);
@@ -102,15 +117,16 @@ struct State<'a> {
 }
 
 impl<'a> State<'a> {
-    /// Starts at `x = 0`; `None` when `work` is too short.
-    fn new(work: &'a mut [f32], n: usize, memory: usize) -> Option<Self> {
-        let (x, work) = work.split_at_mut_checked(n)?;
-        let (best, work) = work.split_at_mut_checked(n)?;
-        let (gradient, work) = work.split_at_mut_checked(n)?;
-        let (direction, work) = work.split_at_mut_checked(n)?;
-        clear(x);
-        clear(best);
-        Some(Self { x, best, gradient, direction, history: Lbfgs::new(work, n, memory) })
+    /// Starts at `x = 0`.
+    fn new(coefficients: [&'a mut [f32]; 4], [steps, changes]: [&'a mut [f32]; 2], n: usize, memory: usize) -> Self {
+        let [x, best, gradient, direction] = coefficients;
+        Self {
+            x: part_mut!(x, ..n),
+            best: part_mut!(best, ..n),
+            gradient: part_mut!(gradient, ..n),
+            direction: part_mut!(direction, ..n),
+            history: Lbfgs::new(part_mut!(steps, ..n * memory), part_mut!(changes, ..n * memory), n, memory),
+        }
     }
 
     /// `u = u0 + B (x + t d)`.

@@ -26,19 +26,11 @@ pub struct Lbfgs<'a> {
     gamma: f32,
 }
 
-/// Numbers the history of `memory` pairs over `n` variables takes.
-pub const fn history_len(n: usize, memory: usize) -> usize {
-    2 * n * memory
-}
-
 impl<'a> Lbfgs<'a> {
-    /// Empty history in a slice of [`history_len`] numbers; memory is limited to 1..=[`MAX_MEMORY`].
-    pub fn new(history: &'a mut [f32], n: usize, memory: usize) -> Self {
+    /// Empty history of `memory` pairs, at most [`MAX_MEMORY`], over `n` variables, in `[memory][n]` numbers each.
+    pub fn new(steps: &'a mut [f32], changes: &'a mut [f32], n: usize, memory: usize) -> Self {
         let memory = if memory < MAX_MEMORY { memory } else { MAX_MEMORY };
-        let (steps, changes) = match history.split_at_mut_checked(n * memory) {
-            Some(halves) => halves,
-            None => broken(Default::default()),
-        };
+        invariant!(steps.len() >= n * memory && changes.len() >= n * memory);
         Self { steps, changes, inverse_curvature: [0.0; MAX_MEMORY], memory, n, len: 0, next: 0, gamma: 1.0 }
     }
 
