@@ -356,8 +356,13 @@ fn attention_averages_values_by_softmax_over_all_segments() {
         // Larger buffers than needed must not matter.
         let (mut scores, mut p) = (vec![9.0; MOST_ROWS * (keys + 3)], vec![7; MOST_ROWS * keys + 2]);
         let mut acc = vec![3; MOST_ROWS * keys.max(heads.width) + 5];
-        let mut scratch =
-            attention::Scratch { q: &mut hq, scales: &mut scales, scores: &mut scores, p: &mut p, acc: &mut acc };
+        let mut scratch = attention::AttentionScratch {
+            q: &mut hq,
+            scales: &mut scales,
+            scores: &mut scores,
+            p: &mut p,
+            acc: &mut acc,
+        };
         let mut out = vec![5.0; rows * width];
         let (views, all) = ([first.view(), second.view()], [&first, &second]);
         let used = if extra == 0 { 1 } else { 2 };

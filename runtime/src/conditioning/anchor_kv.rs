@@ -9,8 +9,8 @@ use crate::conditioning::scaffold_encoder::{self, ScaffoldEncoder, Timing};
 use crate::generation::tokens::condition::Condition;
 use crate::generation::tokens::transformer::Planner;
 use crate::nn::activation::{self, Activation};
-use crate::nn::attention::{Heads, SegmentMut};
-use crate::nn::block::{Scratch, Sizes, below, heads, project_low_rank};
+use crate::nn::attention::Heads;
+use crate::nn::block::{Sizes, StackScratch, below, heads, project_low_rank};
 use crate::nn::conv1d::larger;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
@@ -51,6 +51,15 @@ struct Context<'a> {
     leave: Linear<'a>,
     /// `ds` to `d`.
     local: Linear<'a>,
+}
+
+/// What [`Control::read`] works in.
+#[derive(Debug)]
+pub struct Buffers<'w> {
+    /// The scaffold `[L][ds]`, for a motion of `L` tokens.
+    pub h: &'w mut [f32],
+    /// [`Control::work`] numbers.
+    pub work: &'w mut [f32],
 }
 
 impl<'a> Control<'a> {
@@ -127,7 +136,7 @@ impl<'a> Control<'a> {
         if self.config.context { 1 + tokens } else { 0 }
     }
 
-    /// What a [`Scratch`] must serve for so many tokens.
+    /// What a [`BlockScratch`] must serve for so many tokens.
     #[must_use]
     pub fn sizes(&self, tokens: usize) -> Sizes {
         let [width, rank, inner] = [self.width, self.config.rank, self.config.scaffold.width].map(usize::from);
@@ -153,8 +162,7 @@ impl<'a> Control<'a> {
         scaffold_encoder::macs(&self.config, self.timing, tokens) + low + context
     }
 
-    /// What `anchors` tell the planner of a motion of as many tokens as `h [L][ds]` has rows, into `condition`. `h` and `own` are
-    /// scratch, as is `work`, of [`Control::work`] numbers.
+    /// What `anchors` tell the planner of a motion of as many tokens as the buffers have rows, into `condition`.
     ///
     /// Breaks off when `check` says so; it is asked behind every block.
     #[inline(never)]
@@ -162,11 +170,9 @@ impl<'a> Control<'a> {
         &self,
         planner: &Planner<'_>,
         anchors: &AnchorSet,
-        h: &mut [f32],
-        own: &mut SegmentMut<'_>,
+        Buffers { h, work }: Buffers<'_>,
         condition: &mut Condition<'_>,
-        work: &mut [f32],
-        scratch: &mut Scratch<'_>,
+        scratch: &mut StackScratch<'_, '_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
         // They opened once, so they open again.
@@ -178,7 +184,8 @@ impl<'a> Control<'a> {
         let inner = self.scaffold_width().max(1);
         invariant!(work.len() == self.work());
         let (mean, work) = work.split_at_mut_checked(inner).unwrap_or_default();
-        scaffold.encode(anchors, h, mean, own, work, scratch, check)?;
+        scaffold.encode(anchors, h, mean, work, scratch, check)?;
+        let scratch = &mut *scratch.block;
         condition.rows = h.len() / inner;
         for layer in 0..usize::from(self.layers) {
             let projection = self.projection(&mut projections);

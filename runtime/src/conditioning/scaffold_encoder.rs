@@ -6,8 +6,7 @@
 use super::scaffold::{LIMIT, Scaffold, Statistics, WIDTH};
 use crate::blob::{ControlConfig, Error, Tensors};
 use crate::nn::activation::{self, Activation};
-use crate::nn::attention::SegmentMut;
-use crate::nn::block::{self, Scratch, Sizes, below};
+use crate::nn::block::{self, BlockScratch, Sizes, StackScratch, below};
 use crate::nn::encoder::Encoder;
 use crate::nn::linear::{LEAST_ROWS, Linear};
 use crate::nn::norm::MAX_INPUT;
@@ -26,7 +25,7 @@ pub struct Timing {
     pub tokens: u16,
 }
 
-/// What a [`Scratch`] must serve for so many tokens.
+/// What a [`BlockScratch`] must serve for so many tokens.
 #[must_use]
 pub fn sizes(config: &ControlConfig, timing: Timing, tokens: usize) -> Sizes {
     let outputs = usize::from(config.frame_width);
@@ -98,18 +97,17 @@ impl<'a> ScaffoldEncoder<'a> {
         anchors: &AnchorSet,
         x: &mut [f32],
         mean: &mut [f32],
-        own: &mut SegmentMut<'_>,
         work: &mut [f32],
-        scratch: &mut Scratch<'_>,
+        scratch: &mut StackScratch<'_, '_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
-        self.read(anchors, x, work, scratch);
-        self.encoder.forward(x, mean, own, scratch, check)
+        self.read(anchors, x, work, scratch.block);
+        self.encoder.forward(x, mean, scratch, check)
     }
 
     /// Rows `h_l` of the scaffold.
     #[inline(never)]
-    fn read(&self, anchors: &AnchorSet, x: &mut [f32], work: &mut [f32], scratch: &mut Scratch<'_>) {
+    fn read(&self, anchors: &AnchorSet, x: &mut [f32], work: &mut [f32], scratch: &mut BlockScratch<'_>) {
         let width = self.frame.outputs().max(1);
         let together = frames_together(self.merge.inputs() / width).max(1);
         let needed = Scaffold::NUMBERS + together * WIDTH + self.merge.inputs();

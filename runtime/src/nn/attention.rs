@@ -82,9 +82,9 @@ fn put(heads: Heads, rows: usize, row: usize, x: &[f32], q: &mut [i8], scales: &
     }
 }
 
-/// Scratch of [`attend`].
+/// AttentionScratch of [`attend`].
 #[derive(Debug)]
-pub struct Scratch<'a> {
+pub struct AttentionScratch<'a> {
     /// One head of the queries, `[rows][dh]`.
     pub q: &'a mut [i16],
     /// Its scales, `[rows]`.
@@ -104,7 +104,7 @@ pub const fn macs(heads: Heads, keys: usize) -> u64 {
 }
 
 /// Attends from at most [`MOST_ROWS`] rows of queries `q [R][H dh]` to all `segments`; `out [R][H dh]`.
-pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32], scratch: &mut Scratch<'_>) {
+pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32], scratch: &mut AttentionScratch<'_>) {
     let (dh, width) = (heads.width.max(1), (heads.count * heads.width).max(1));
     let keys = segments.iter().fold(0, |sum, s| sum + s.rows);
     let root = 1.0 / libm::sqrtf(dh as f32);

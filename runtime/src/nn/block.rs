@@ -74,7 +74,7 @@ pub struct Block<'a> {
     down: Linear<'a>,
 }
 
-/// Sizes that a [`Scratch`] must serve.
+/// Sizes that a [`BlockScratch`] must serve.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sizes {
     /// Most rows at a time, no more than [`MOST_ROWS`](super::linear::MOST_ROWS).
@@ -138,7 +138,7 @@ const fn most(mut numbers: &[usize]) -> usize {
 
 /// One block of rows on its way through the layers.
 #[derive(Debug)]
-pub struct Scratch<'w> {
+pub struct BlockScratch<'w> {
     /// `[rows][d]`
     a: &'w mut [f32],
     /// `[rows][d]`
@@ -149,22 +149,31 @@ pub struct Scratch<'w> {
     q: &'w mut [i16],
     /// `[rows]`
     scales: &'w mut [f32],
-    attention: attention::Scratch<'w>,
+    attention: attention::AttentionScratch<'w>,
 }
 
-impl<'w> Scratch<'w> {
+/// What a stack of blocks works in.
+#[derive(Debug)]
+pub struct StackScratch<'o, 's> {
+    /// Keys and values of the rows that pass, as many as they are.
+    pub own: SegmentMut<'o>,
+    /// One block of rows.
+    pub block: &'o mut BlockScratch<'s>,
+}
+
+impl<'w> BlockScratch<'w> {
     /// Takes the buffers.
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
     pub fn new(arena: &mut Arena<'w>, sizes: &Sizes) -> Result<Self, ArenaTooSmall> {
-        Ok(Scratch {
+        Ok(BlockScratch {
             a: arena.take(sizes.rows * sizes.width)?,
             b: arena.take(sizes.rows * sizes.width)?,
             hidden: arena.take(sizes.rows * sizes.hidden)?,
             q: arena.take(sizes.q())?,
             scales: arena.take(sizes.rows)?,
-            attention: attention::Scratch {
+            attention: attention::AttentionScratch {
                 q: arena.take(sizes.rows * sizes.head)?,
                 scales: arena.take(sizes.rows)?,
                 scores: arena.take(sizes.rows * sizes.keys)?,
@@ -254,7 +263,7 @@ impl<'a> Block<'a> {
     }
 
     /// Keys and values of `memory [n][dt]` for the cross-attention of this block, into `segment`.
-    pub fn read_memory(&self, memory: &[f32], segment: &mut SegmentMut<'_>, scratch: &mut Scratch<'_>) {
+    pub fn read_memory(&self, memory: &[f32], segment: &mut SegmentMut<'_>, scratch: &mut BlockScratch<'_>) {
         let Some(cross) = &self.cross else { return };
         let inputs = cross.keys_values.inputs().max(1);
         let together = scratch.rows();
@@ -264,7 +273,7 @@ impl<'a> Block<'a> {
     }
 
     /// Keys and values of all rows of `x [n][d]` into `own`.
-    fn read_own(&self, x: &[f32], own: &mut SegmentMut<'_>, scratch: &mut Scratch<'_>) {
+    fn read_own(&self, x: &[f32], own: &mut SegmentMut<'_>, scratch: &mut BlockScratch<'_>) {
         let width = self.width().max(1);
         let together = scratch.rows();
         for (block, x) in x.chunks((together * width).max(1)).enumerate() {
@@ -294,7 +303,7 @@ impl<'a> Block<'a> {
         own: &mut SegmentMut<'_>,
         extra: Option<Segment<'_>>,
         memory: Option<Segment<'_>>,
-        scratch: &mut Scratch<'_>,
+        scratch: &mut BlockScratch<'_>,
     ) {
         self.read_own(x, own, scratch);
         let mut segments: Vec<Segment<'_>, MAX_SEGMENTS> = Vec::new();
@@ -326,8 +335,8 @@ impl<'a> Block<'a> {
         &self,
         norm: &LayerNorm<'_>,
         x: &mut [f32],
-        scratch: &mut Scratch<'_>,
-        f: impl Fn(&mut [f32], &mut [f32], &mut [f32], &mut Scratch<'_>),
+        scratch: &mut BlockScratch<'_>,
+        f: impl Fn(&mut [f32], &mut [f32], &mut [f32], &mut BlockScratch<'_>),
     ) {
         let (a, b) = (core::mem::take(&mut scratch.a), core::mem::take(&mut scratch.b));
         if let (Some(rows), Some(other)) = (a.get_mut(..x.len()), b.get_mut(..x.len())) {
@@ -356,7 +365,7 @@ fn project(
     rows: &[f32],
     at: usize,
     segment: &mut SegmentMut<'_>,
-    scratch: &mut Scratch<'_>,
+    scratch: &mut BlockScratch<'_>,
 ) {
     let width = (heads.count * heads.width).max(1);
     let count = rows.len() / layer.inputs().max(1);
@@ -379,7 +388,7 @@ pub fn project_low_rank(
     kv: &Linear<'_>,
     x: &[f32],
     segment: &mut SegmentMut<'_>,
-    scratch: &mut Scratch<'_>,
+    scratch: &mut BlockScratch<'_>,
 ) {
     let inputs = down.inputs().max(1);
     let together = scratch.rows();
@@ -401,7 +410,7 @@ fn add_attention(
     segments: &[Segment<'_>],
     (rows, other): (&mut [f32], &mut [f32]),
     x: &mut [f32],
-    scratch: &mut Scratch<'_>,
+    scratch: &mut BlockScratch<'_>,
 ) {
     scratch.linear(query, rows, other);
     attend(heads, other, segments, rows, &mut scratch.attention);
@@ -415,7 +424,7 @@ fn add_feed_forward(
     down: &Linear<'_>,
     rows: &[f32],
     x: &mut [f32],
-    scratch: &mut Scratch<'_>,
+    scratch: &mut BlockScratch<'_>,
 ) {
     let hidden = core::mem::take(&mut scratch.hidden);
     let count = rows.len() / up.inputs().max(1);
@@ -490,7 +499,7 @@ impl<'a> Stack<'a> {
         (0..config.layers).map_while(move |_| Block::open(&mut first, config, memory).ok())
     }
 
-    /// What a [`Scratch`] must serve for so many rows, keys beside them, and rows of memory.
+    /// What a [`BlockScratch`] must serve for so many rows, keys beside them, and rows of memory.
     #[must_use]
     pub fn sizes(&self, rows: usize, extra: usize, memory: usize) -> Sizes {
         sizes(&self.config, usize::from(self.memory.unwrap_or(0)), rows + extra, memory)
@@ -512,7 +521,7 @@ impl<'a> Stack<'a> {
     }
 }
 
-/// What a [`Scratch`] must serve for blocks whose rows attend to so many keys, and to `memory` rows of width `inputs`.
+/// What a [`BlockScratch`] must serve for blocks whose rows attend to so many keys, and to `memory` rows of width `inputs`.
 #[must_use]
 pub fn sizes(config: &TransformerConfig, inputs: usize, keys: usize, memory: usize) -> Sizes {
     let width = usize::from(config.width);

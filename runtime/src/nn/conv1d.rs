@@ -312,7 +312,7 @@ impl<'a> Conv1d<'a> {
     }
 }
 
-/// Scratch of [`Conv1d::backward_upsampled`].
+/// BlockScratch of [`Conv1d::backward_upsampled`].
 #[derive(Debug)]
 pub struct GradientBlock<'a> {
     /// `[N]`

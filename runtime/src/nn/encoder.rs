@@ -1,7 +1,6 @@
 //! Rows to what others attend to: `x_i += position[i]`, blocks with self-attention, `h = LN(x)`, and the mean of `h_i` over i.
 
-use super::attention::SegmentMut;
-use super::block::{Scratch, Stack, TransformerConfig};
+use super::block::{Stack, StackScratch, TransformerConfig};
 use super::embedding::Embedding;
 use super::norm::LayerNorm;
 use crate::blob::{Error, Tensors};
@@ -42,15 +41,14 @@ impl<'a> Encoder<'a> {
         &self.stack
     }
 
-    /// Encodes `x [n][d]` in place, its mean into `mean [d]`. `own` has room for as many rows.
+    /// Encodes `x [n][d]` in place, its mean into `mean [d]`.
     ///
     /// Breaks off when `check` says so; it is asked behind every block.
     pub fn forward(
         &self,
         x: &mut [f32],
         mean: &mut [f32],
-        own: &mut SegmentMut<'_>,
-        scratch: &mut Scratch<'_>,
+        scratch: &mut StackScratch<'_, '_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
         let width = mean.len().max(1);
@@ -58,7 +56,7 @@ impl<'a> Encoder<'a> {
             self.position.add(i, row);
         }
         for block in self.stack.blocks() {
-            block.forward(x, own, None, None, scratch);
+            block.forward(x, &mut scratch.own, None, None, scratch.block);
             check()?;
         }
         self.norm.forward_in_place(x);

@@ -33,9 +33,9 @@ pub struct Output<'a> {
     biases: &'a [f32],
 }
 
-/// Scratch of one call.
+/// OutputScratch of one call.
 #[derive(Debug)]
-pub struct Scratch<'a> {
+pub struct OutputScratch<'a> {
     /// One row of selected channels, `[C]`.
     pub row: &'a mut [f32],
     /// Rows of selected channels, quantised, range by range: `[window(B)][C]`, or as many as there are.
@@ -138,7 +138,14 @@ impl<'a> Output<'a> {
     }
 
     /// Computes `channels` of rows `first..`, as many as `out [B][C]` holds, `C = channels.count()`.
-    pub fn forward(&self, x: Rows<'_>, first: usize, channels: &Channels, out: &mut [f32], scratch: &mut Scratch<'_>) {
+    pub fn forward(
+        &self,
+        x: Rows<'_>,
+        first: usize,
+        channels: &Channels,
+        out: &mut [f32],
+        scratch: &mut OutputScratch<'_>,
+    ) {
         let width = channels.count().max(1);
         let (count, rows) = (out.len() / width, x.scales.len());
         if count == 0 {
@@ -187,7 +194,14 @@ impl<'a> Output<'a> {
 
     /// Input gradient: rows `first..` of `dJ/dx`, as many as `dx [B][K]` holds, from `g [R][C]` of the selected channels. Root rows
     /// and the others are quantised apart, since root gradients are sums over time and much larger.
-    pub fn backward(&self, g: &[f32], channels: &Channels, first: usize, dx: &mut [f32], scratch: &mut Scratch<'_>) {
+    pub fn backward(
+        &self,
+        g: &[f32],
+        channels: &Channels,
+        first: usize,
+        dx: &mut [f32],
+        scratch: &mut OutputScratch<'_>,
+    ) {
         let width = channels.count().max(1);
         let limit = quantise::limit(self.outputs);
         let all = g.len() / width;
@@ -225,7 +239,7 @@ impl<'a> Output<'a> {
         channels: &Channels,
         limit: i16,
         (r, rows): (usize, usize),
-        scratch: &mut Scratch<'_>,
+        scratch: &mut OutputScratch<'_>,
     ) -> (f32, f32) {
         let row = part_mut!(scratch.row, ..g.len());
         let (mut wide_count, mut column) = (0, 0);
@@ -264,7 +278,7 @@ impl<'a> Output<'a> {
         channels: &Channels,
         dx: &mut [f32],
         (wide_scales, narrow_scales): (&[f32], &[f32]),
-        scratch: &mut Scratch<'_>,
+        scratch: &mut OutputScratch<'_>,
     ) {
         let width = self.inputs.max(1);
         let core::ops::Range { start, end } = range;

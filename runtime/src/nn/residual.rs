@@ -13,20 +13,20 @@ pub struct Residual<'a> {
     pub conv2: Conv1d<'a>,
 }
 
-/// Scratch shared by the layers of a sequence.
+/// ResidualScratch shared by the layers of a sequence.
 #[derive(Debug)]
-pub struct Scratch<'a> {
+pub struct ResidualScratch<'a> {
     /// Quantised rows `[R][W]`.
     pub q: &'a mut [i16],
     /// Their scales `[R]`.
     pub scales: &'a mut [f32],
     /// One row, `[W]`.
     pub row: &'a mut [f32],
-    /// Scratch of one block.
+    /// ResidualScratch of one block.
     pub block: Block<'a>,
 }
 
-/// Scratch of the rows that a layer multiplies at a time, `B`.
+/// ResidualScratch of the rows that a layer multiplies at a time, `B`.
 #[derive(Debug)]
 pub struct Block<'a> {
     /// f32 rows, `[B][W]`.

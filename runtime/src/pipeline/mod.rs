@@ -37,7 +37,7 @@ use buffers::{Decoding, rotation_columns};
 use decode_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
-use plan_tokens::{Planned, plan_tokens};
+use plan_tokens::{Planned, PlanningTask, plan_tokens};
 use rotations::Rotations;
 
 /// A finished motion, in the generator's arena.
@@ -262,18 +262,15 @@ impl<'a> Generator<'a> {
         {
             let shortest = anchors.last_frame().map_or(1, |f| usize::from(f) / model.frames_per_token().max(1) + 1);
             let mut overlay = arena.overlay();
-            let plan = &request.planning;
-            made = plan_tokens(
-                modules,
-                (planning, limits.rows),
-                &mut overlay,
-                &prompt,
-                plan,
+            let task = PlanningTask {
+                limits: planning,
+                rows: limits.rows,
+                prompt: &prompt,
+                planning: &request.planning,
                 shortest,
-                Some(&anchors),
-                tokens,
-                observer,
-            )?;
+                anchors: Some(&anchors),
+            };
+            made = plan_tokens(modules, task, &mut overlay, tokens, observer)?;
             peak = overlay.used();
             if let (true, Some(control)) = (planning.anchors, model.control()) {
                 unconditioned = anchors.iter().filter(|anchor| !control.sees(anchor.family)).count() as u16;

@@ -40,21 +40,32 @@ impl Finishing<'_, '_> {
     }
 }
 
-/// Plans the tokens of `prompt` into `tokens`, which has room for the longest motion there may be, conditioned by `anchors`, in a
-/// session within `limits` that takes its memory from `arena`. A predicted length is at least `shortest`.
+/// What is to be planned.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PlanningTask<'p> {
+    /// What the session is made for.
+    pub limits: &'p Limits,
+    /// Rows that pass through a layer at a time.
+    pub rows: usize,
+    pub prompt: &'p Prompt<'p>,
+    pub planning: &'p Planning<'p>,
+    /// Tokens of a predicted length at least.
+    pub shortest: usize,
+    /// What conditions the planner, as far as it sees it.
+    pub anchors: Option<&'p AnchorSet>,
+}
+
+/// Plans tokens into `tokens`, which has room for the longest motion there may be, in a session that takes its memory from `arena`.
 // Its own frame: the session is not to lie on the stack while the tokens are decoded.
 #[inline(never)]
 pub(super) fn plan_tokens(
     modules: Modules<'_, '_>,
-    (limits, rows): (&Limits, usize),
+    task: PlanningTask<'_>,
     arena: &mut Arena<'_>,
-    prompt: &Prompt<'_>,
-    planning: &Planning<'_>,
-    shortest: usize,
-    anchors: Option<&AnchorSet>,
     tokens: &mut [u16],
     observer: &mut dyn Observer,
 ) -> Result<Planned, Error> {
+    let PlanningTask { limits, rows, prompt, planning, shortest, anchors } = task;
     let mut session = Session::new(modules, arena, tokens.len(), limits, rows).map_err(Error::Arena)?;
     let mut watch = Watch { observer, stage: Stage::Reading, evaluation: 1, evaluations: 1 };
     let mut end = Finishing { watch: &mut watch, wanted: false, ready: false };

@@ -3,7 +3,7 @@
 use super::buffers::rotation_columns;
 use crate::channels::Channels;
 use crate::nn::conv1d::Rows;
-use crate::nn::output::{Output, Scratch};
+use crate::nn::output::{Output, OutputScratch};
 use crate::representation::Pose;
 use crate::representation::rotations::{CHANNELS, FIRST, turned};
 
@@ -36,8 +36,14 @@ impl Rotations<'_> {
         let mut channels = Channels::new();
         channels.push(FIRST, CHANNELS);
         let (mut values, mut acc, mut acc_low) = ([0.0; CHANNELS], [0; CHANNELS], [0; CHANNELS]);
-        let mut scratch =
-            Scratch { row: &mut [], q: &mut [], scales: &mut [], together: 1, acc: &mut acc, acc_low: &mut acc_low };
+        let mut scratch = OutputScratch {
+            row: &mut [],
+            q: &mut [],
+            scales: &mut [],
+            together: 1,
+            acc: &mut acc,
+            acc_low: &mut acc_low,
+        };
         self.output.forward(self.rows, frame, &channels, &mut values, &mut scratch);
         let constants = self.std.iter().zip(self.mean).skip(FIRST);
         for (value, (std, mean)) in values.iter_mut().zip(constants) {

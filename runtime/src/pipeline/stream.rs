@@ -1,7 +1,7 @@
 //! A motion that goes on: tokens come in segments, planned or given; frames come out as they become final.
 
 use super::observer::{Stage, Watch};
-use super::plan_tokens::plan_tokens;
+use super::plan_tokens::{PlanningTask, plan_tokens};
 use super::{Error, Generator, Observer, Request, Source, StreamError};
 use crate::JOINTS;
 use crate::codec::codebook::Codebooks;
@@ -349,8 +349,9 @@ impl MotionStream<'_, '_> {
         let mut arena = self.spare.overlay();
         let window = arena.take::<u16>(capacity).map_err(too_small)?;
         let window = part_mut!(window, ..context + count);
-        let planned =
-            plan_tokens(modules, (&limits, self.rows), &mut arena, &prompt, &planning, 1, None, window, observer)?;
+        let (rows, prompt, planning) = (self.rows, &prompt, &planning);
+        let task = PlanningTask { limits: &limits, rows, prompt, planning, shortest: 1, anchors: None };
+        let planned = plan_tokens(modules, task, &mut arena, window, observer)?;
         log::debug!("planned {} tokens behind {}", count, context);
         self.memory.push(part!(window, context..));
         self.segment = self.segment.wrapping_add(1);

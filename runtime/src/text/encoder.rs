@@ -4,8 +4,7 @@
 
 use super::words::Vocabulary;
 use crate::blob::{Error, Tensors, TextEncoderConfig, TextTable};
-use crate::nn::attention::SegmentMut;
-use crate::nn::block::{Scratch, Sizes, Stack};
+use crate::nn::block::{Sizes, Stack, StackScratch};
 use crate::nn::embedding::Embedding;
 use crate::nn::encoder::Encoder;
 use crate::stop::{Check, Stop};
@@ -51,7 +50,7 @@ impl<'a> TextEncoder<'a> {
         self.encoder.stack()
     }
 
-    /// What a [`Scratch`] must serve for `words` words.
+    /// What a [`BlockScratch`] must serve for `words` words.
     #[must_use]
     pub fn sizes(&self, words: usize) -> Sizes {
         self.stack().sizes(words, 0, 0)
@@ -63,7 +62,7 @@ impl<'a> TextEncoder<'a> {
         self.stack().macs(words, 0, 0)
     }
 
-    /// Encodes `words` into `memory [n][dt]` and `pooled [dt]`. `own` has room for as many rows.
+    /// Encodes `words` into `memory [n][dt]` and `pooled [dt]`.
     ///
     /// Breaks off when `check` says so; it is asked behind every block.
     pub fn encode(
@@ -71,14 +70,13 @@ impl<'a> TextEncoder<'a> {
         words: &[u16],
         memory: &mut [f32],
         pooled: &mut [f32],
-        own: &mut SegmentMut<'_>,
-        scratch: &mut Scratch<'_>,
+        scratch: &mut StackScratch<'_, '_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
         memory.fill(0.0);
         for (word, row) in words.iter().zip(memory.chunks_exact_mut(pooled.len().max(1))) {
             self.embedding.add(usize::from(*word), row);
         }
-        self.encoder.forward(memory, pooled, own, scratch, check)
+        self.encoder.forward(memory, pooled, scratch, check)
     }
 }

@@ -13,7 +13,7 @@
 
 use super::decoder::{ChunkShape, Decoder};
 use super::layer::{Direction, Layer, MAX_LAYERS};
-use super::step::{Count, Last, ReluMask, Tail, Work};
+use super::step::{Chunk, Count, Last, Masks, ReluMask, Tail, Wanted, Work};
 use crate::channels::Channels;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::conv1d::accumulators;
@@ -169,7 +169,7 @@ impl<'a> Decoder<'a> {
             counts: [Count::default(); MAX_LAYERS],
             sequence: arena.take(s.sequence)?,
             work: Work {
-                scratch: residual::Scratch {
+                scratch: residual::ResidualScratch {
                     q: arena.take(s.q)?,
                     scales: arena.take(s.scales)?,
                     row: arena.take(s.row)?,
@@ -217,7 +217,8 @@ impl Chain<'_> {
         let Work { scratch, output_row, output_q, output_scales, acc_low } = &mut self.work;
         let together = scratch.block.scales.len();
         let acc = &mut *scratch.block.acc;
-        let mut last = output::Scratch { row: output_row, q: output_q, scales: output_scales, together, acc, acc_low };
+        let mut last =
+            output::OutputScratch { row: output_row, q: output_q, scales: output_scales, together, acc, acc_low };
         let dx = part_mut!(self.sequence, ..frames * decoder.width);
         decoder.output.backward(g, channels, first, dx, &mut last);
         self.rows = frames;
@@ -252,6 +253,7 @@ impl Chain<'_> {
     ) -> ControlFlow<Stop, &mut [f32]> {
         let Chain { way, chunk, tails, counts, sequence, work, rows, layer: begun, ending, .. } = self;
         let mut complete = *ending;
+        let mut wanted = Wanted { channels, last };
         let mut width = match way {
             Direction::Forward => channels.count(),
             Direction::Back => decoder.code_width(),
@@ -274,10 +276,10 @@ impl Chain<'_> {
             // Rows behind the motion, as far as they are due and there is room.
             let zeros = if complete { due.min((*chunk << stage).saturating_sub(*rows)) } else { 0 };
             complete &= due == zeros;
-            let came = (*rows, zeros);
+            let chunk = Chunk { sequence: &mut *sequence, rows: *rows, zeros };
             // A residual block's hidden rows come behind its input's.
-            let gates = (&mut *gates, (at, at + (tokens << stage)));
-            *rows = layer.step(*way, tail, came, channels, sequence, gates, last, work);
+            let masks = Masks { mask: &mut *gates, outer: at, inner: at + (tokens << stage) };
+            *rows = layer.step(*way, tail, chunk, masks, &mut wanted, work);
             *begun += 1;
         }
         self.complete = complete;

@@ -66,7 +66,7 @@ pub(super) struct Last<'w> {
 /// Buffers that a layer uses while it computes. The quantised rows of `scratch` are its window, `[kept + came][K]`.
 #[derive(Debug)]
 pub(super) struct Work<'w> {
-    pub scratch: residual::Scratch<'w>,
+    pub scratch: residual::ResidualScratch<'w>,
     /// Of the last layer's gradient.
     pub output_row: &'w mut [f32],
     pub output_q: &'w mut [i16],
@@ -74,24 +74,46 @@ pub(super) struct Work<'w> {
     pub acc_low: &'w mut [i32],
 }
 
+/// What enters a layer, and where the rows that have become final are written.
+pub(super) struct Chunk<'c> {
+    /// The rows, in front.
+    pub sequence: &'c mut [f32],
+    pub rows: usize,
+    /// Zero rows behind them.
+    pub zeros: usize,
+}
+
+/// A layer's bits of the ReLUs: of its input from row `outer` on, of a residual block's hidden rows from `inner` on.
+pub(super) struct Masks<'c, 'w> {
+    pub mask: &'c mut ReluMask<'w>,
+    pub outer: usize,
+    pub inner: usize,
+}
+
+/// What is wanted of the last layer: features of some channels, and its input to keep.
+pub(super) struct Wanted<'c, 'l, 'w> {
+    pub channels: &'c Channels,
+    pub last: &'l mut Last<'w>,
+}
+
 impl Layer<'_, '_> {
-    /// Takes `rows` rows from the front of `sequence` and `zeros` zero rows behind them; writes the rows that have become
-    /// final there. Returns how many.
+    /// Takes the rows of `chunk`, and writes those that have become final in front of its sequence. Returns how many.
     pub(super) fn step(
         &self,
         way: Direction,
         tail: Tail<'_>,
-        (rows, zeros): (usize, usize),
-        channels: &Channels,
-        sequence: &mut [f32],
-        (gates, (outer, inner)): (&mut ReluMask<'_>, (usize, usize)),
-        last: &mut Last<'_>,
+        chunk: Chunk<'_>,
+        masks: Masks<'_, '_>,
+        wanted: &mut Wanted<'_, '_, '_>,
         work: &mut Work<'_>,
     ) -> usize {
+        let Chunk { sequence, rows, zeros } = chunk;
+        let Masks { mask: gates, outer, inner } = masks;
+        let Wanted { channels, last } = wanted;
         if let (Layer::Upsample(conv), Direction::Back) = (self, way) {
             return downsample(conv, tail, (rows, zeros), sequence, work);
         }
-        let Work { scratch: residual::Scratch { q, scales, row, block }, acc_low, .. } = work;
+        let Work { scratch: residual::ResidualScratch { q, scales, row, block }, acc_low, .. } = work;
         let together = block.scales.len();
         let (width, ahead, skipped) = (self.width(way), self.ahead(), self.skipped(way));
         let (came, copies) = (rows + zeros, if let Layer::Upsample(_) = self { 2 } else { 1 });
@@ -169,7 +191,8 @@ impl Layer<'_, '_> {
             (Layer::Output(output), _) => {
                 let y = part_mut!(sequence, ..results * channels.count());
                 let acc = &mut *block.acc;
-                let mut scratch = output::Scratch { row: &mut [], q: &mut [], scales: &mut [], together, acc, acc_low };
+                let mut scratch =
+                    output::OutputScratch { row: &mut [], q: &mut [], scales: &mut [], together, acc, acc_low };
                 output.forward(window, first, channels, y, &mut scratch);
             }
         }
@@ -185,7 +208,7 @@ fn downsample(
     sequence: &mut [f32],
     work: &mut Work<'_>,
 ) -> usize {
-    let residual::Scratch { row, block, .. } = &mut work.scratch;
+    let residual::ResidualScratch { row, block, .. } = &mut work.scratch;
     let width = conv.outputs();
     // Two copies and a row on either side of them make a result, and the next begins two rows later; a zero row comes first.
     let results_of = |count: &Count| count.all().div_ceil(2).saturating_sub(1);

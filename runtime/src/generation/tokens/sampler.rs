@@ -5,7 +5,7 @@ use super::tmd::{self, Tmd};
 use super::transformer::Planner;
 use crate::codec::codebook::Codebooks;
 use crate::memory::{Arena, ArenaTooSmall};
-use crate::nn::block::Scratch;
+use crate::nn::block::BlockScratch;
 use crate::numerics::hash::Stream;
 
 /// Positions whose logits are computed together: those of more would take more memory than a pass.
@@ -65,7 +65,7 @@ pub struct Logits<'l, 'b, 's> {
     planner: &'l Planner<'b>,
     /// Hidden rows, `[L][d]`.
     rows: &'l [f32],
-    scratch: Scratch<'s>,
+    scratch: BlockScratch<'s>,
     /// `[TOGETHER][V]`
     block: &'s mut [f32],
 }
@@ -76,7 +76,7 @@ impl<'l, 'b, 's> Logits<'l, 'b, 's> {
     /// # Errors
     /// [`ArenaTooSmall`].
     pub(super) fn new(planner: &'l Planner<'b>, rows: &'l [f32], arena: &mut Arena<'s>) -> Result<Self, ArenaTooSmall> {
-        let scratch = Scratch::new(arena, &planner.logits_sizes(TOGETHER))?;
+        let scratch = BlockScratch::new(arena, &planner.logits_sizes(TOGETHER))?;
         let block = arena.take(TOGETHER * planner.codes())?;
         Ok(Logits { planner, rows, scratch, block })
     }

@@ -6,10 +6,10 @@ use super::request::Planning;
 use super::sampler::{Draw, Logits, TokenSampler};
 use super::transformer::{Input, Planner};
 use crate::codec::codebook::Codebooks;
-use crate::conditioning::anchor_kv::Control;
+use crate::conditioning::anchor_kv::{self, Control};
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::attention::SegmentMut;
-use crate::nn::block::{Scratch, Sizes};
+use crate::nn::block::{BlockScratch, Sizes, StackScratch};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::numerics::hash::Stream;
 use crate::request::conditions::AnchorSet;
@@ -114,7 +114,7 @@ struct Pass<'s> {
     values: &'s mut [i8],
     key_scales: &'s mut [f32],
     value_scales: &'s mut [f32],
-    scratch: Scratch<'s>,
+    scratch: BlockScratch<'s>,
     /// Rows of the pass that knows the prompt, `[L][d]`; none without guidance.
     guided: &'s mut [f32],
     /// Of reading anchors.
@@ -128,16 +128,16 @@ impl<'s> Pass<'s> {
             values: arena.take(l.own)?,
             key_scales: arena.take(l.own_scales)?,
             value_scales: arena.take(l.own_scales)?,
-            scratch: Scratch::new(arena, &l.sizes)?,
+            scratch: BlockScratch::new(arena, &l.sizes)?,
             guided: arena.take(l.guided)?,
             work: arena.take(l.work)?,
         })
     }
 
-    /// Room for the keys and values of so many rows, and the rest.
-    fn split(&mut self, rows: usize) -> (SegmentMut<'_>, &mut Scratch<'s>) {
+    /// For so many rows.
+    fn rows(&mut self, rows: usize) -> StackScratch<'_, 's> {
         let Pass { keys, values, key_scales, value_scales, scratch, .. } = self;
-        (SegmentMut { rows, keys, key_scales, values, value_scales }, scratch)
+        StackScratch { own: SegmentMut { rows, keys, key_scales, values, value_scales }, block: scratch }
     }
 }
 
@@ -371,8 +371,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
                 let memory = part_mut!(self.x, ..count * width);
                 if let Some(encoder) = text.encoder() {
                     let words = part!(self.words, ..count);
-                    let (mut own, scratch) = pass.split(count);
-                    encoder.encode(words, memory, self.pooled, &mut own, scratch, check)?;
+                    encoder.encode(words, memory, self.pooled, &mut pass.rows(count), check)?;
                 }
                 memory
             }
@@ -403,8 +402,8 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let mut spare = self.spare.overlay();
         let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
         let work = core::mem::take(&mut pass.work);
-        let (mut own, scratch) = pass.split(tokens);
-        control.read(planner, anchors, h, &mut own, &mut self.anchors, work, scratch, check)
+        let buffers = anchor_kv::Buffers { h, work };
+        control.read(planner, anchors, buffers, &mut self.anchors, &mut pass.rows(tokens), check)
     }
 
     /// The length that the text suggests, tokens.
@@ -431,9 +430,9 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let mut spare = self.spare.overlay();
         let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
         let guided = core::mem::take(&mut pass.guided);
-        let (mut own, scratch) = pass.split(rows);
+        let mut scratch = pass.rows(rows);
         let input = Input { tokens, time, planning };
-        planner.forward(&input, &self.text, Some(&self.anchors), x, &mut own, scratch, check)?;
+        planner.forward(&input, &self.text, Some(&self.anchors), x, &mut scratch, check)?;
         if !planning.guided() || guided.is_empty() {
             return ControlFlow::Continue(());
         }
@@ -441,7 +440,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             *to = *from;
         }
         // What guides is text and anchors together: the other end knows neither.
-        planner.forward(&input, &self.none, None, x, &mut own, scratch, check)?;
+        planner.forward(&input, &self.none, None, x, &mut scratch, check)?;
         for (none, text) in x.iter_mut().skip(width).zip(guided.iter()) {
             *none += planning.guidance * (*text - *none);
         }

@@ -16,8 +16,8 @@ use super::sampler::Sampler;
 use super::tmd::Tmd;
 use crate::blob::{Error, PlannerConfig, Tensors};
 use crate::model::MAX_MAGNITUDE;
-use crate::nn::attention::{Heads, SegmentMut};
-use crate::nn::block::{Scratch, Sizes, Stack, below};
+use crate::nn::attention::Heads;
+use crate::nn::block::{BlockScratch, Sizes, Stack, StackScratch, below};
 use crate::nn::conv1d::larger;
 use crate::nn::embedding::{Embedding, add_row};
 use crate::nn::linear::Linear;
@@ -140,7 +140,7 @@ impl<'a> Planner<'a> {
         self.stack.heads()
     }
 
-    /// What a [`Scratch`] must serve for so many tokens, rows of anchors and rows of memory.
+    /// What a [`BlockScratch`] must serve for so many tokens, rows of anchors and rows of memory.
     #[must_use]
     pub fn sizes(&self, tokens: usize, anchors: usize, memory: usize) -> Sizes {
         self.stack.sizes(1 + tokens, anchors, memory)
@@ -178,7 +178,7 @@ impl<'a> Planner<'a> {
         memory: &[f32],
         pooled: &[f32],
         condition: &mut Condition<'_>,
-        scratch: &mut Scratch<'_>,
+        scratch: &mut BlockScratch<'_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
         condition.rows = memory.len() / pooled.len().max(1);
@@ -190,7 +190,7 @@ impl<'a> Planner<'a> {
         ControlFlow::Continue(())
     }
 
-    /// One pass: hidden rows `h` into `x [1 + L][d]`, under what a text and anchors say. `own` has room for `1 + L` rows.
+    /// One pass: hidden rows `h` into `x [1 + L][d]`, under what a text and anchors say.
     ///
     /// Breaks off when `check` says so; it is asked behind every block.
     pub fn forward(
@@ -199,8 +199,7 @@ impl<'a> Planner<'a> {
         text: &Condition<'_>,
         anchors: Option<&Condition<'_>>,
         x: &mut [f32],
-        own: &mut SegmentMut<'_>,
-        scratch: &mut Scratch<'_>,
+        scratch: &mut StackScratch<'_, '_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
         let width = self.width().max(1);
@@ -235,7 +234,7 @@ impl<'a> Planner<'a> {
         }
         for (layer, block) in self.stack.blocks().enumerate() {
             let extra = anchors.map(|anchors| anchors.layer(heads, layer));
-            block.forward(x, own, extra, Some(text.layer(heads, layer)), scratch);
+            block.forward(x, &mut scratch.own, extra, Some(text.layer(heads, layer)), scratch.block);
             check()?;
         }
         self.norm.forward_in_place(x);
@@ -243,7 +242,7 @@ impl<'a> Planner<'a> {
     }
 
     /// Logits `[R][V]` of hidden rows `h [R][d]`.
-    pub fn logits(&self, h: &[f32], logits: &mut [f32], scratch: &mut Scratch<'_>) {
+    pub fn logits(&self, h: &[f32], logits: &mut [f32], scratch: &mut BlockScratch<'_>) {
         scratch.linear(&self.token, h, logits);
     }
 }
