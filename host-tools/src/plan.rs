@@ -165,7 +165,7 @@ pub fn plan(
     tokens: usize,
     anchors: usize,
     refinement: Config,
-    planning: Option<planning::Limits>,
+    planning: Option<planning::PlanningLimits>,
     rows: usize,
 ) -> Result<Report, Error> {
     let model = blob.model()?;
@@ -173,7 +173,7 @@ pub fn plan(
     let planning = planning.filter(|_| model.planning().is_some()).map(|limits| {
         let most = model.text().map_or(1, |t| t.max_words());
         let anchors = limits.anchors && anchors > 0 && model.control().is_some();
-        planning::Limits { words: limits.words.clamp(1, most), anchors, ..limits }
+        planning::PlanningLimits { words: limits.words.clamp(1, most), anchors, ..limits }
     });
     let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning, rows })?;
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
@@ -225,7 +225,11 @@ pub fn plan(
         // A stream has no anchors.
         stream: stream(
             &model,
-            &StreamLimits { tokens, planning: planning.map(|p| planning::Limits { anchors: false, ..p }), rows },
+            &StreamLimits {
+                tokens,
+                planning: planning.map(|p| planning::PlanningLimits { anchors: false, ..p }),
+                rows,
+            },
         )?,
         self_test: format!("{:016x}", model.self_test().hash),
     })

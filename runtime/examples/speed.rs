@@ -10,7 +10,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use motionette::codec::Decode;
-use motionette::generation::tokens::{Limits, Session};
+use motionette::generation::tokens::{PlanningLimits, Session};
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
 use motionette::representation::humanml3d;
@@ -78,7 +78,7 @@ fn decoder(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
 fn planner(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
     let Some(modules) = model.planning() else { return Ok(()) };
     let tokens = model.max_tokens();
-    let limits = Limits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false };
+    let limits = PlanningLimits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false };
     let mut memory = vec![0u128; modules.bytes(tokens, &limits, rows).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens, &limits, rows)?;

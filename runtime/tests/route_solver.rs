@@ -13,7 +13,7 @@ use motionette::refining::terms::anchors::Distances;
 use motionette::refining::terms::feasibility::Feasibility;
 use motionette::refining::terms::smoothness::Smoothness;
 use motionette::refining::{
-    Activity, Basis, Config, MotionMap, Objective, PerFamily, Report, Shape, SolverError, StopReason, TokenGrid,
+    Activity, Basis, Config, MotionMap, Objective, PerFamily, ProblemShape, Report, SolverError, StopReason, TokenGrid,
     scratch_bytes, solve,
 };
 use motionette::request::conditions::{Anchor, AnchorSet};
@@ -341,7 +341,7 @@ fn scratch_is_exact_and_checked() {
             let list: Vec<_> = (0..count).map(|i| ((i * (4 * tokens - 1) / count) as u16, None)).collect::<Vec<_>>();
             let (mut u, anchors) = mock.problem(3, &list, false);
             let set = mock.set(&anchors);
-            let need = scratch_bytes(Shape { tokens, width, anchors: set.len() }, &config);
+            let need = scratch_bytes(ProblemShape { tokens, width, anchors: set.len() }, &config);
             let mut scratch = Scratch::new(need + 1, PAINT);
             let objective = Objective::new(&set, &config);
             let short = Arena::new(&mut scratch.bytes()[..need - 1]);
@@ -376,7 +376,7 @@ fn any_grid_of_tokens_and_frames_is_solved() {
 
 #[test]
 fn memory_budgets_hold() {
-    let kib = |anchors, config: &Config| scratch_bytes(Shape { tokens: 49, width: 32, anchors }, config) / 1024;
+    let kib = |anchors, config: &Config| scratch_bytes(ProblemShape { tokens: 49, width: 32, anchors }, config) / 1024;
     for config in [Config::fast(20), Config::published(200)] {
         assert!(kib(8, &config) < 60, "{} KiB", kib(8, &config));
         assert!(kib(32, &config) < 150, "{} KiB", kib(32, &config));

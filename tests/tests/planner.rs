@@ -2,7 +2,7 @@
 
 use motionette::blob::{Activation, Norm};
 use motionette::generation::tokens::tmd::{Metric, Tmd};
-use motionette::generation::tokens::{Limits, Session};
+use motionette::generation::tokens::{PlanningLimits, Session};
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
 use motionette::{Fixed, Generator, Length, Model, Observer, Planning, Prompt, ROWS, Request, Sampling, Stop};
@@ -15,7 +15,12 @@ const PROMPT: &str = "A person, waving the left hand!";
 const IDS: [u16; 6] = [2, 3, 1, 1, 6, 7];
 
 /// Runs `work` in a session of `tiny`.
-fn session<T>(tiny: &Tiny, tokens: usize, limits: Limits, work: impl FnOnce(&mut Session<'_, '_, '_>) -> T) -> T {
+fn session<T>(
+    tiny: &Tiny,
+    tokens: usize,
+    limits: PlanningLimits,
+    work: impl FnOnce(&mut Session<'_, '_, '_>) -> T,
+) -> T {
     let model = Model::open(tiny.bytes()).expect("the blob opens");
     let modules = model.planning().expect("the blob plans");
     let bytes = modules.bytes(tokens, &limits, ROWS).all();
@@ -80,7 +85,7 @@ fn logits_agree_with_the_oracle_for_every_shape_and_scene() {
         let tiny = Tiny::new(shape.clone(), 70 + seed as u64);
         for scene in scenes() {
             for guidance in [1.0f32, 2.5, 0.0] {
-                let limits = Limits { words: IDS.len(), steps: 1, guided: guidance != 1.0, anchors: false };
+                let limits = PlanningLimits { words: IDS.len(), steps: 1, guided: guidance != 1.0, anchors: false };
                 let mut fixed = Vec::new();
                 let planning = planning(&scene, &mut fixed, guidance);
                 let got: Rows = session(&tiny, scene.tokens.len(), limits, |session| {
@@ -136,7 +141,7 @@ fn stored_prompts_and_lengths_agree_with_the_oracle() {
         let tiny = Tiny::new(shape, 81);
         let scene = &scenes()[1];
         for (index, name, rows) in [(1, "wave", 3), (2, "stand still", 1), (0, "<none>", 2)] {
-            let limits = Limits { words: rows, steps: 1, guided: true, anchors: false };
+            let limits = PlanningLimits { words: rows, steps: 1, guided: true, anchors: false };
             let (got, length): (Rows, usize) = session(&tiny, 7, limits, |session| {
                 let heard = session
                     .read(&Prompt::Bank(name), &mut || ControlFlow::Continue(()))
@@ -299,7 +304,7 @@ fn the_first_step_of_whole_requests_has_the_marginals_of_the_sampler() {
     let expected = |temperature: f64, c: f64| {
         let mut p = vec![0.0; 5];
         for z in 0..5u16 {
-            let limits = Limits { words: 3, steps: 1, guided: false, anchors: false };
+            let limits = PlanningLimits { words: 3, steps: 1, guided: false, anchors: false };
             let logits: Vec<f64> = session(&tiny, 1, limits, |session| {
                 let _ = session.read(&Prompt::Text("a person waves"), &mut || ControlFlow::Continue(())).unwrap();
                 let planning = Planning { guidance: 1.0, ..Planning::DEFAULT };

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use motionette::codec::codebook::Codebooks;
 use motionette::generation::tokens::sampler::{Draw, Logits, TokenSampler};
-use motionette::generation::tokens::{Limits, Session};
+use motionette::generation::tokens::{PlanningLimits, Session};
 use motionette::memory::{Arena, ArenaTooSmall};
 use motionette::numerics::hash::Stream;
 use motionette::{Fixed, Model, Planning, Prompt, ROWS};
@@ -71,7 +71,7 @@ fn another_rule_draws_by_the_same_passes() {
     let model = Model::open(tiny.bytes()).expect("the blob opens");
     let modules = model.planning().expect("the blob plans");
     let (length, fixed) = (7, [Fixed { position: 2, token: 9 }]);
-    let limits = Limits { words: 3, steps: 2, guided: true, anchors: false };
+    let limits = PlanningLimits { words: 3, steps: 2, guided: true, anchors: false };
     let planning = Planning { fixed: &fixed, ..Planning::DEFAULT };
     let mut words = vec![0u128; modules.bytes(length, &limits, ROWS).all() / 16];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut words));

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use motionette::codec::Decode;
 use motionette::codec::vq::decoder::Workspace;
 use motionette::generation::tokens::session::Modules;
-use motionette::generation::tokens::{Limits, Session};
+use motionette::generation::tokens::{PlanningLimits, Session};
 use motionette::memory::Arena;
 use motionette::channels::Channels;
 use motionette::numerics::hash::Stream;
@@ -87,7 +87,7 @@ impl<'m> Planner<'m> {
     /// # Errors
     /// When the model knows none of its words.
     pub fn new(modules: Modules<'m, 'm>, tokens: usize) -> Result<Self> {
-        let limits = Limits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false };
+        let limits = PlanningLimits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false };
         let mut arena = Arena::new(memory(modules.bytes(tokens, &limits, MOST_ROWS).all()));
         let mut session = Session::new(modules, &mut arena, tokens, &limits, MOST_ROWS)?;
         let read = session.read(&Prompt::Text(PROMPT), &mut || ControlFlow::Continue(()))?;

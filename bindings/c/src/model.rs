@@ -152,7 +152,7 @@ impl mtn_limits {
             }
             let (words, steps) = (self.words, self.steps);
             let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0);
-            planning = Some(planning::Limits { words, steps, guided, anchors });
+            planning = Some(planning::PlanningLimits { words, steps, guided, anchors });
         }
         let anchors = if self.evaluations > 0 { self.anchors } else { 0 };
         let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };

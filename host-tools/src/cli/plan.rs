@@ -4,7 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use motionette::generation::tokens::{Limits, Planning};
+use motionette::generation::tokens::{Planning, PlanningLimits};
 use motionette::refining::Config;
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use serde_json::Value;
@@ -70,7 +70,7 @@ impl Cmd {
         let guided = self.guidance != 1.0;
         let planning = match self.words.unwrap_or(usize::MAX) {
             0 => None,
-            words => Some(Limits { words, steps: self.steps, guided, anchors: !self.unconditioned }),
+            words => Some(PlanningLimits { words, steps: self.steps, guided, anchors: !self.unconditioned }),
         };
         let report = plan::plan(&blob, self.tokens, self.anchors, refinement, planning, usize::from(self.rows))?;
         say(&format!(

@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 
 use motionette::ROWS;
 use motionette::Request;
-use motionette::generation::tokens::{Length, Limits, Planning, Session};
+use motionette::generation::tokens::{Length, Planning, PlanningLimits, Session};
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
 use motionette::request::conditions::AnchorSet;
@@ -119,7 +119,7 @@ pub fn logits(blob: &BlobFile, case: &CaptionedMotion, tokens: &[u16], time: f64
     let refused_anchors = |source| Error::Anchors { clip: case.id.clone(), source };
     let frames = tokens.len() * model.frames_per_token();
     let anchors = AnchorSet::new(&runtime_anchors(&case.anchors), frames).map_err(refused_anchors)?;
-    let limits = Limits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty() };
+    let limits = PlanningLimits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty() };
     let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits, ROWS).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens.len(), &limits, ROWS).map_err(Error::Arena)?;

@@ -21,7 +21,7 @@ use core::ops::ControlFlow;
 
 /// Anchor control, left in the tensor table: a model costs no memory for layers that are used once a request.
 #[derive(Debug, Clone, Copy)]
-pub struct Control<'a> {
+pub struct AnchorControl<'a> {
     config: ControlConfig,
     timing: Timing,
     /// Width of the planner, `d`.
@@ -53,16 +53,16 @@ struct Context<'a> {
     local: Linear<'a>,
 }
 
-/// What [`Control::read`] works in.
+/// What [`AnchorControl::read`] works in.
 #[derive(Debug)]
 pub struct Buffers<'w> {
     /// The scaffold `[L][ds]`, for a motion of `L` tokens.
     pub h: &'w mut [f32],
-    /// [`Control::work`] numbers.
+    /// [`AnchorControl::work`] numbers.
     pub work: &'w mut [f32],
 }
 
-impl<'a> Control<'a> {
+impl<'a> AnchorControl<'a> {
     /// Checks anchor control of `planner` in the next tensors, for motions of such `timing`, and that activations stay finite: its own,
     /// and those of the planner that it conditions.
     ///
@@ -76,7 +76,7 @@ impl<'a> Control<'a> {
         text: &Text<'_>,
     ) -> Result<Self, Error> {
         let (width, layers) = (planner.width() as u16, planner.layers() as u8);
-        let control = Control { config: *config, timing, width, layers, first: tensors.trusted() };
+        let control = AnchorControl { config: *config, timing, width, layers, first: tensors.trusted() };
         planner.check(text, control.layers(tensors)?.bounds)?;
         Ok(control)
     }
@@ -145,14 +145,14 @@ impl<'a> Control<'a> {
         scaffold_encoder::sizes(&self.config, self.timing, tokens).with(low).with(high)
     }
 
-    /// Numbers of `work` in [`Control::read`].
+    /// Numbers of `work` in [`AnchorControl::read`].
     #[must_use]
     pub const fn work(&self) -> usize {
         // The mean, then what the encoder needs, in its place one more row of that width.
         2 * self.scaffold_width() + scaffold_encoder::work(&self.config, self.timing)
     }
 
-    /// Multiply-accumulates of [`Control::read`] for so many tokens.
+    /// Multiply-accumulates of [`AnchorControl::read`] for so many tokens.
     #[must_use]
     pub fn macs(&self, tokens: usize) -> u64 {
         let [width, rank, inner] = [self.width, self.config.rank, self.config.scaffold.width].map(u64::from);

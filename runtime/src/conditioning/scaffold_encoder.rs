@@ -38,12 +38,12 @@ pub fn sizes(config: &ControlConfig, timing: Timing, tokens: usize) -> Sizes {
 #[must_use]
 pub const fn work(config: &ControlConfig, timing: Timing) -> usize {
     Scaffold::NUMBERS
-        + frames_together(timing.frames as usize) * WIDTH
+        + frames_per_block_of(timing.frames as usize) * WIDTH
         + timing.frames as usize * config.frame_width as usize
 }
 
 /// Frames of a token that are read together.
-const fn frames_together(frames: usize) -> usize {
+const fn frames_per_block_of(frames: usize) -> usize {
     if frames < LEAST_ROWS { frames } else { LEAST_ROWS }
 }
 
@@ -109,16 +109,16 @@ impl<'a> ScaffoldEncoder<'a> {
     #[inline(never)]
     fn read(&self, anchors: &AnchorSet, x: &mut [f32], work: &mut [f32], scratch: &mut BlockScratch<'_>) {
         let width = self.frame.outputs().max(1);
-        let together = frames_together(self.merge.inputs() / width).max(1);
-        let needed = Scaffold::NUMBERS + together * WIDTH + self.merge.inputs();
+        let frames_per_block = frames_per_block_of(self.merge.inputs() / width).max(1);
+        let needed = Scaffold::NUMBERS + frames_per_block * WIDTH + self.merge.inputs();
         invariant!(work.len() >= needed, "{} numbers, {needed} needed", work.len());
         let (bends, work) = work.split_at_mut_checked(Scaffold::NUMBERS).unwrap_or_default();
-        let (features, work) = work.split_at_mut_checked(together * WIDTH).unwrap_or_default();
+        let (features, work) = work.split_at_mut_checked(frames_per_block * WIDTH).unwrap_or_default();
         let merged = part_mut!(work, ..self.merge.inputs());
         let scaffold = Scaffold::new(anchors, self.families, self.statistics, self.rate, bends);
         let mut frame = 0;
         for row in x.chunks_exact_mut(self.merge.outputs().max(1)) {
-            for rows in merged.chunks_mut((together * width).max(1)) {
+            for rows in merged.chunks_mut((frames_per_block * width).max(1)) {
                 let features = part_mut!(features, ..rows.len() / width * WIDTH);
                 for c in features.chunks_exact_mut(WIDTH) {
                     scaffold.features(frame, c);

@@ -19,7 +19,7 @@ use crate::codec::codebook::Codebooks;
 use crate::codec::vq::decoder::Decoder;
 use crate::conditioning::scaffold_encoder::Timing;
 use crate::generation::tokens::session::Modules;
-use crate::generation::tokens::{Control, Planner};
+use crate::generation::tokens::{AnchorControl, Planner};
 use crate::representation::humanml3d::Recovery;
 use crate::text::Text;
 pub use families::{CargoFeature, cargo_features};
@@ -48,7 +48,7 @@ pub struct Model<'a> {
     decoder: Decoder<'a>,
     text: Option<Text<'a>>,
     planner: Option<Planner<'a>>,
-    control: Option<Control<'a>>,
+    control: Option<AnchorControl<'a>>,
 }
 
 impl<'a> Model<'a> {
@@ -98,7 +98,7 @@ impl<'a> Model<'a> {
             {
                 let frames = config.frames_per_token() as u16;
                 let timing = Timing { rate: manifest.representation.frame_rate(), frames, tokens: max_tokens };
-                control = Some(Control::open(&mut tensors, anchors, timing, &opened, text)?);
+                control = Some(AnchorControl::open(&mut tensors, anchors, timing, &opened, text)?);
             } else {
                 opened.check(text, (0.0, 0.0))?;
             }
@@ -218,7 +218,7 @@ impl<'a> Model<'a> {
 
     /// Anchor control of the planner.
     #[must_use]
-    pub const fn control(&self) -> Option<&Control<'a>> {
+    pub const fn control(&self) -> Option<&AnchorControl<'a>> {
         if cfg!(feature = "anchor-control") { self.control.as_ref() } else { None }
     }
 

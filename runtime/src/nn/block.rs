@@ -266,24 +266,24 @@ impl<'a> Block<'a> {
     pub fn read_memory(&self, memory: &[f32], segment: &mut SegmentMut<'_>, scratch: &mut BlockScratch<'_>) {
         let Some(cross) = &self.cross else { return };
         let inputs = cross.keys_values.inputs().max(1);
-        let together = scratch.rows();
-        for (block, rows) in memory.chunks((together * inputs).max(1)).enumerate() {
-            project(self.heads(), &cross.keys_values, 0, rows, block * together, segment, scratch);
+        let rows_per_block = scratch.rows();
+        for (block, rows) in memory.chunks((rows_per_block * inputs).max(1)).enumerate() {
+            project(self.heads(), &cross.keys_values, 0, rows, block * rows_per_block, segment, scratch);
         }
     }
 
     /// Keys and values of all rows of `x [n][d]` into `own`.
     fn read_own(&self, x: &[f32], own: &mut SegmentMut<'_>, scratch: &mut BlockScratch<'_>) {
         let width = self.width().max(1);
-        let together = scratch.rows();
-        for (block, x) in x.chunks((together * width).max(1)).enumerate() {
+        let rows_per_block = scratch.rows();
+        for (block, x) in x.chunks((rows_per_block * width).max(1)).enumerate() {
             match self.config.norm {
-                Norm::Post => project(self.heads(), &self.qkv, width, x, block * together, own, scratch),
+                Norm::Post => project(self.heads(), &self.qkv, width, x, block * rows_per_block, own, scratch),
                 Norm::Pre => {
                     let normed = core::mem::take(&mut scratch.a);
                     if let Some(rows) = normed.get_mut(..x.len()) {
                         self.norm1.forward(x, rows);
-                        project(self.heads(), &self.qkv, width, rows, block * together, own, scratch);
+                        project(self.heads(), &self.qkv, width, rows, block * rows_per_block, own, scratch);
                     }
                     scratch.a = normed;
                 }
@@ -391,12 +391,12 @@ pub fn project_low_rank(
     scratch: &mut BlockScratch<'_>,
 ) {
     let inputs = down.inputs().max(1);
-    let together = scratch.rows();
-    for (block, x) in x.chunks((together * inputs).max(1)).enumerate() {
+    let rows_per_block = scratch.rows();
+    for (block, x) in x.chunks((rows_per_block * inputs).max(1)).enumerate() {
         let low = core::mem::take(&mut scratch.a);
         if let Some(rows) = low.get_mut(..x.len() / inputs * down.outputs()) {
             scratch.linear(down, x, rows);
-            project(heads, kv, 0, rows, block * together, segment, scratch);
+            project(heads, kv, 0, rows, block * rows_per_block, segment, scratch);
         }
         scratch.a = low;
     }

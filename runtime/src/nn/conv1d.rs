@@ -35,9 +35,9 @@ pub struct Conv1d<'a> {
     biases: &'a [f32],
 }
 
-/// Shape of a layer to be read from a blob.
+/// ConvShape of a layer to be read from a blob.
 #[derive(Debug, Clone, Copy)]
-pub struct Shape {
+pub struct ConvShape {
     /// Kernel size.
     pub taps: u16,
     /// Distance of neighbouring taps, rows.
@@ -89,8 +89,8 @@ impl<'a> Conv1d<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
-    pub fn open(tensors: &mut Tensors<'a>, shape: Shape) -> Result<Self, Error> {
-        let Shape { taps, dilation, inputs, outputs } = shape;
+    pub fn open(tensors: &mut Tensors<'a>, shape: ConvShape) -> Result<Self, Error> {
+        let ConvShape { taps, dilation, inputs, outputs } = shape;
         let weights = tensors.take()?.bytes([taps, outputs, inputs])?;
         let scales = tensors.take()?.scales(outputs)?;
         let biases = tensors.take()?.f32s(outputs)?;
@@ -107,7 +107,7 @@ impl<'a> Conv1d<'a> {
 
     /// A layer of weights `[taps][N][K]`, scales and biases `[N]`; `None` where their lengths do not go together.
     #[must_use]
-    pub fn new(shape: Shape, weights: &'a [i8], scales: &'a [f32], biases: &'a [f32]) -> Option<Self> {
+    pub fn new(shape: ConvShape, weights: &'a [i8], scales: &'a [f32], biases: &'a [f32]) -> Option<Self> {
         let (taps, inputs, outputs) = (usize::from(shape.taps), usize::from(shape.inputs), usize::from(shape.outputs));
         let fits = weights.len() == taps * inputs * outputs && scales.len() == outputs && biases.len() == outputs;
         let dilation = usize::from(shape.dilation);
@@ -162,10 +162,10 @@ impl<'a> Conv1d<'a> {
 
     /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds, `together` at a time: weights are read, and widened or transposed, once
     /// for so many. `acc` holds [`accumulators`] of these, or of as many as `out` has.
-    pub fn forward(&self, x: Rows<'_>, first: usize, out: &mut [f32], together: usize, acc: &mut [i32]) {
+    pub fn forward(&self, x: Rows<'_>, first: usize, out: &mut [f32], rows_per_block: usize, acc: &mut [i32]) {
         let (width, rows) = (self.outputs, x.scales.len());
-        for (block, out) in out.chunks_mut((together * width).max(1)).enumerate() {
-            let (first, count) = (first + block * together, out.len() / width.max(1));
+        for (block, out) in out.chunks_mut((rows_per_block * width).max(1)).enumerate() {
+            let (first, count) = (first + block * rows_per_block, out.len() / width.max(1));
             for tap in 0..self.taps {
                 let span = Span::new(first, count, rows, self.offset(tap));
                 let last = tap + 1 == self.taps;
@@ -196,7 +196,14 @@ impl<'a> Conv1d<'a> {
     /// Computes the convolution of `x` with every row repeated twice: rows `first..` of its `2 R`, as many as
     /// `out [B][N]` holds. A row's products serve both its copies, so this costs half of what the repeated sequence
     /// would, with the same bits.
-    pub fn forward_upsampled(&self, x: Rows<'_>, first: usize, out: &mut [f32], together: usize, acc: &mut [i32]) {
+    pub fn forward_upsampled(
+        &self,
+        x: Rows<'_>,
+        first: usize,
+        out: &mut [f32],
+        rows_per_block: usize,
+        acc: &mut [i32],
+    ) {
         let (width, rows) = (self.outputs, x.scales.len());
         let count = out.len() / width.max(1);
         out.fill(0.0);
@@ -205,8 +212,8 @@ impl<'a> Conv1d<'a> {
             let lead = first + tap;
             let start = lead.saturating_sub(self.middle()) / 2;
             let end = (lead + count).saturating_sub(self.middle()).div_ceil(2).min(rows);
-            for source in (start..end).step_by(together.max(1)) {
-                let x = x.window(source, end.saturating_sub(source).min(together), self.inputs);
+            for source in (start..end).step_by(rows_per_block.max(1)) {
+                let x = x.window(source, end.saturating_sub(source).min(rows_per_block), self.inputs);
                 linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
                 for copy in 0..2 {
                     // Of the sources' copies every other row; those before the first row are left out.
@@ -238,10 +245,10 @@ impl<'a> Conv1d<'a> {
 
     /// Input gradient: rows `first..` of `dJ/dx`, as many as `out [B][K]` holds, from quantised gradients `g [R][N]`,
     /// as [`Conv1d::forward`].
-    pub fn backward(&self, g: Rows<'_>, first: usize, out: &mut [f32], together: usize, acc: &mut [i32]) {
+    pub fn backward(&self, g: Rows<'_>, first: usize, out: &mut [f32], rows_per_block: usize, acc: &mut [i32]) {
         let (width, rows) = (self.inputs, g.scales.len());
-        for (block, out) in out.chunks_mut((together * width).max(1)).enumerate() {
-            let (first, count) = (first + block * together, out.len() / width.max(1));
+        for (block, out) in out.chunks_mut((rows_per_block * width).max(1)).enumerate() {
+            let (first, count) = (first + block * rows_per_block, out.len() / width.max(1));
             for tap in 0..self.taps {
                 let span = Span::new(first, count, rows, -self.offset(tap));
                 let combine = combine(tap, count, span.as_ref(), out, false);
@@ -263,9 +270,9 @@ impl<'a> Conv1d<'a> {
             return;
         }
         let rows = (g.len() / width / 2).saturating_sub(1);
-        let together = block.scales.len();
-        for first in (0..rows).step_by(together.max(1)) {
-            let count = (rows - first).min(together);
+        let rows_per_block = block.scales.len();
+        for first in (0..rows).step_by(rows_per_block.max(1)) {
+            let count = (rows - first).min(rows_per_block);
             block.sums.fill(0.0);
             for tap in 0..self.taps {
                 for r in 0..count {

@@ -3,7 +3,7 @@
 //! Root velocities integrate over time, so their rows are stored with 16 bits, as two int8 planes: no kernel is added
 //! (`acc = 256 acc_high + acc_low`, combined in f32) and nothing overflows.
 
-use super::conv1d::{Rows, Shape, Span, larger, planes_follow, row_bound, weight_norm};
+use super::conv1d::{ConvShape, Rows, Span, larger, planes_follow, row_bound, weight_norm};
 use super::{epilogue, quantise};
 use crate::blob::{Error, Tensors};
 use crate::channels::{Channels, Range};
@@ -43,7 +43,7 @@ pub struct OutputScratch<'a> {
     /// Scales of their int16 parts, then of the others: `[2][window(B)]`.
     pub scales: &'a mut [f32],
     /// Rows that are multiplied at a time, `B`.
-    pub together: usize,
+    pub rows_per_block: usize,
     /// As [`accumulators`](super::conv1d::accumulators) says for so many rows, or for as many as there are.
     pub acc: &'a mut [i32],
     /// The same.
@@ -55,8 +55,8 @@ impl<'a> Output<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
-    pub fn open(tensors: &mut Tensors<'a>, shape: Shape) -> Result<Self, Error> {
-        let Shape { taps, inputs, outputs, .. } = shape;
+    pub fn open(tensors: &mut Tensors<'a>, shape: ConvShape) -> Result<Self, Error> {
+        let ConvShape { taps, inputs, outputs, .. } = shape;
         let (mut wide, mut high, mut low): (u16, &[i8], &[i8]) = (0, &[], &[]);
         if planes_follow(tensors) {
             let tensor = tensors.take()?;
@@ -154,9 +154,9 @@ impl<'a> Output<'a> {
         out.fill(0.0);
         for tap in 0..self.taps {
             let offset = tap as isize - self.reach() as isize;
-            for block in (0..count).step_by(scratch.together.max(1)) {
-                let together = scratch.together.min(count.saturating_sub(block));
-                let Some(span) = Span::new(first + block, together, rows, offset) else {
+            for block in (0..count).step_by(scratch.rows_per_block.max(1)) {
+                let rows_per_block = scratch.rows_per_block.min(count.saturating_sub(block));
+                let Some(span) = Span::new(first + block, rows_per_block, rows, offset) else {
                     continue;
                 };
                 let Rows { q, scales } = x.window(span.source, span.rows, self.inputs);
@@ -208,8 +208,8 @@ impl<'a> Output<'a> {
         dx.fill(0.0);
         let all_scales = core::mem::take(&mut scratch.scales);
         let (wide_scales, narrow_scales) = all_scales.split_at_mut_checked(all_scales.len() / 2).unwrap_or_default();
-        for (block, dx) in dx.chunks_mut((scratch.together * self.inputs).max(1)).enumerate() {
-            let (first, count) = (first + block * scratch.together, dx.len() / self.inputs.max(1));
+        for (block, dx) in dx.chunks_mut((scratch.rows_per_block * self.inputs).max(1)).enumerate() {
+            let (first, count) = (first + block * scratch.rows_per_block, dx.len() / self.inputs.max(1));
             let start = first.saturating_sub(self.reach());
             let g = part!(g, start * width..(first + count + self.reach()).min(all) * width);
             let rows = g.len() / width;

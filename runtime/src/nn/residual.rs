@@ -60,13 +60,13 @@ impl Residual<'_> {
     pub fn add(&self, input: Rows<'_>, first: usize, x: &mut [f32], scratch: &mut Block<'_>, masks: &mut [u32]) {
         let width = self.conv1.inputs().max(1);
         let words = mask::words(width).max(1);
-        let together = scratch.scales.len();
+        let rows_per_block = scratch.scales.len();
         // Never zero; written so that the compiler can see it.
-        let (block_len, mask_len) = ((together * width).max(1), (together * words).max(1));
+        let (block_len, mask_len) = ((rows_per_block * width).max(1), (rows_per_block * words).max(1));
         let limit = quantise::limit(width);
         for (block, (x, masks)) in x.chunks_mut(block_len).zip(masks.chunks_mut(mask_len)).enumerate() {
             let hidden = part_mut!(scratch.rows, ..x.len());
-            self.conv1.forward(input, first + block * together, hidden, together, scratch.acc);
+            self.conv1.forward(input, first + block * rows_per_block, hidden, rows_per_block, scratch.acc);
             mask::relu_rows(hidden, masks, width);
             quantise::rows(hidden, width, limit, scratch.q, scratch.scales);
             let count = x.len() / width;
@@ -88,15 +88,15 @@ impl Residual<'_> {
     ) {
         let width = self.conv1.inputs().max(1);
         let words = mask::words(width).max(1);
-        let together = scratch.scales.len();
-        let (block_len, mask_len) = ((together * width).max(1), (together * words).max(1));
-        let quantised = q.chunks_mut(block_len).zip(scales.chunks_mut(together.max(1)));
+        let rows_per_block = scratch.scales.len();
+        let (block_len, mask_len) = ((rows_per_block * width).max(1), (rows_per_block * words).max(1));
+        let quantised = q.chunks_mut(block_len).zip(scales.chunks_mut(rows_per_block.max(1)));
         for ((g, masks), (q, scales)) in g.chunks(block_len).zip(masks.chunks(mask_len)).zip(quantised) {
             self.conv2.quantise_gradient(g, scratch.q, scratch.scales, row);
             let count = g.len() / width;
             let outer = Rows { q: part!(scratch.q, ..count * width), scales: part!(scratch.scales, ..count) };
             let hidden = part_mut!(scratch.rows, ..g.len());
-            self.conv2.backward(outer, 0, hidden, together, scratch.acc);
+            self.conv2.backward(outer, 0, hidden, rows_per_block, scratch.acc);
             mask::gate_rows(hidden, masks, width);
             self.conv1.quantise_gradient(hidden, q, scales, row);
         }
@@ -107,11 +107,11 @@ impl Residual<'_> {
     pub fn add_gradient(&self, hidden: Rows<'_>, first: usize, g: &mut [f32], scratch: &mut Block<'_>, masks: &[u32]) {
         let width = self.conv1.inputs().max(1);
         let words = mask::words(width).max(1);
-        let together = scratch.scales.len();
-        let (block_len, mask_len) = ((together * width).max(1), (together * words).max(1));
+        let rows_per_block = scratch.scales.len();
+        let (block_len, mask_len) = ((rows_per_block * width).max(1), (rows_per_block * words).max(1));
         for (block, (g, masks)) in g.chunks_mut(block_len).zip(masks.chunks(mask_len)).enumerate() {
             let dx = part_mut!(scratch.rows, ..g.len());
-            self.conv1.backward(hidden, first + block * together, dx, together, scratch.acc);
+            self.conv1.backward(hidden, first + block * rows_per_block, dx, rows_per_block, scratch.acc);
             mask::gate_rows(dx, masks, width);
             add(g, dx);
         }

@@ -34,9 +34,9 @@ pub(crate) fn tokens<'a>(
     arena.take(limits.tokens * model.codebooks().quantizers())
 }
 
-/// Bytes of [`Decoding`] by purpose.
+/// DecodingBytes of [`Decoding`] by purpose.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Bytes {
+pub(crate) struct DecodingBytes {
     pub embeddings: usize,
     pub features: usize,
     pub path: usize,
@@ -53,7 +53,7 @@ pub(crate) struct Decoding<'a> {
     pub features: &'a mut [f32],
     pub path: Path<'a>,
     pub work: Workspace<'a>,
-    pub bytes: Bytes,
+    pub bytes: DecodingBytes,
 }
 
 impl<'a> Decoding<'a> {
@@ -71,7 +71,7 @@ impl<'a> Decoding<'a> {
         let work = decoder.workspace(arena, limits.tokens, POSITION_CHANNELS, limits.rows)?;
         let gates = decoder.gate_bytes(limits.tokens);
         let of_decoder = arena.used() - begin - embeddings - of_features - of_path - gates;
-        let bytes = Bytes { embeddings, features: of_features, path: of_path, gates, decoder: of_decoder };
+        let bytes = DecodingBytes { embeddings, features: of_features, path: of_path, gates, decoder: of_decoder };
         Ok(Decoding { u, features, path, work, bytes })
     }
 }
@@ -83,7 +83,7 @@ pub(crate) fn solver<'a>(
     arena: &mut Arena<'a>,
 ) -> Result<Arena<'a>, ArenaTooSmall> {
     let &Limits { tokens, anchors, ref refinement, .. } = limits;
-    let shape = refining::Shape { tokens, width: model.decoder().code_width(), anchors };
+    let shape = refining::ProblemShape { tokens, width: model.decoder().code_width(), anchors };
     arena.part(if anchors > 0 { refining::scratch_bytes(shape, refinement) } else { 0 })
 }
 

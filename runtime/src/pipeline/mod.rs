@@ -209,7 +209,8 @@ impl<'a> Generator<'a> {
                 let words = text.rows(&prompt)?;
                 let plan = &request.planning;
                 let tokens = plan.check(limit, planner.codes(), self.model.frames_per_token())?;
-                let planning = planning::Limits { words, steps: plan.steps, guided: plan.guided(), anchors: false };
+                let planning =
+                    planning::PlanningLimits { words, steps: plan.steps, guided: plan.guided(), anchors: false };
                 return Ok(Limits { tokens, anchors: 0, refinement, planning: Some(planning), rows: self.rows });
             }
         };

@@ -22,7 +22,7 @@ pub struct Limits {
     /// Refinement.
     pub refinement: Config,
     /// Planning from text; `None` for tokens and embeddings.
-    pub planning: Option<planning::Limits>,
+    pub planning: Option<planning::PlanningLimits>,
     /// How much passes through a layer at a time: so many rows of the planner, [`LEAST_ROWS`](crate::LEAST_ROWS) to
     /// [`MOST_ROWS`](crate::MOST_ROWS) (other numbers count as the nearest of these), and of
     /// the decoder half as many tokens more. Weights are read once for so much, and it takes room: the motion is the same, memory
@@ -44,7 +44,7 @@ pub struct Plan {
     /// Of these, bytes of the tokens.
     pub token_bytes: usize,
     /// Bytes of planning by purpose, in the place of what follows.
-    pub planning: planning::Bytes,
+    pub planning: planning::PlanningBytes,
     /// Bytes of the decoder's layers that grow with the motion: a bit for each ReLU.
     pub gate_bytes: usize,
     /// Bytes of the decoder's layers that do not grow with a motion of more than a chunk.
@@ -93,8 +93,8 @@ impl Plan {
         let mut arena = Arena::measuring();
         let taken = Decoding::take(model, limits, &mut arena);
         invariant!(taken.is_ok(), "an arena that measures refuses nothing");
-        let decoding = taken.map_or(buffers::Bytes::default(), |taken| taken.bytes);
-        let (mut planning, mut planning_macs) = (planning::Bytes::default(), 0);
+        let decoding = taken.map_or(buffers::DecodingBytes::default(), |taken| taken.bytes);
+        let (mut planning, mut planning_macs) = (planning::PlanningBytes::default(), 0);
         if let (Some(planned), Some(modules)) = (&limits.planning, model.planning()) {
             planning = modules.bytes(limits.tokens, planned, limits.rows);
             planning_macs = modules.macs(limits.tokens, planned);
@@ -148,7 +148,7 @@ pub struct StreamLimits {
     /// motion goes on from and the new ones together.
     pub tokens: usize,
     /// Planning of segments; `None` when all tokens are given.
-    pub planning: Option<planning::Limits>,
+    pub planning: Option<planning::PlanningLimits>,
     /// Rows of the planner that pass through a layer at a time, as [`Limits::rows`]; the decoder takes what it gets.
     pub rows: usize,
 }
@@ -294,7 +294,10 @@ fn check_tokens(model: &Model<'_>, found: usize) -> Result<(), PlanError> {
     if found == 0 || found > limit { Err(PlanError::Tokens { found, limit }) } else { Ok(()) }
 }
 
-fn check_planning<'m, 'b>(model: &'m Model<'b>, planning: &planning::Limits) -> Result<Modules<'m, 'b>, PlanError> {
+fn check_planning<'m, 'b>(
+    model: &'m Model<'b>,
+    planning: &planning::PlanningLimits,
+) -> Result<Modules<'m, 'b>, PlanError> {
     let modules = model.planning().ok_or(PlanError::NoPlanner)?;
     let (words, steps) = (planning.words, planning.steps);
     let limit = modules.text.max_words();

@@ -3,7 +3,7 @@
 use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
 use crate::generation::tokens::session::Modules;
-use crate::generation::tokens::{Length, Limits, Planning, Session};
+use crate::generation::tokens::{Length, Planning, PlanningLimits, Session};
 use crate::memory::Arena;
 use crate::numerics::hash::Stream;
 use crate::request::conditions::AnchorSet;
@@ -44,7 +44,7 @@ impl Finishing<'_, '_> {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PlanningTask<'p> {
     /// What the session is made for.
-    pub limits: &'p Limits,
+    pub limits: &'p PlanningLimits,
     /// Rows that pass through a layer at a time.
     pub rows: usize,
     pub prompt: &'p Prompt<'p>,

@@ -40,7 +40,7 @@ impl Rotations<'_> {
             row: &mut [],
             q: &mut [],
             scales: &mut [],
-            together: 1,
+            rows_per_block: 1,
             acc: &mut acc,
             acc_low: &mut acc_low,
         };

@@ -39,7 +39,7 @@ pub struct Segment {
 /// queued that far ahead of playback; the rest of the motion comes after [`MotionStream::finish`].
 ///
 /// ```no_run
-/// # use motionette::{Generator, Length, Request, StreamError, StreamLimits, generation::tokens::Limits};
+/// # use motionette::{Generator, Length, Request, StreamError, StreamLimits, generation::tokens::PlanningLimits};
 /// # fn run(generator: &mut Generator<'_>, mut play: impl FnMut(&motionette::Frame)) -> Result<(), StreamError> {
 /// let planning = Limits { words: 32, steps: 10, guided: true, anchors: false };
 /// let mut stream = generator.stream(&StreamLimits { tokens: 49, planning: Some(planning), rows: 8 })?;
@@ -152,7 +152,7 @@ pub(crate) fn planning_bytes(
     modules: &Modules<'_, '_>,
     capacity: usize,
     tokens: usize,
-    limits: &planning::Limits,
+    limits: &planning::PlanningLimits,
     rows: usize,
 ) -> usize {
     bytes_of::<u16>(capacity).saturating_add(modules.bytes(tokens, limits, rows).all())
@@ -339,7 +339,8 @@ impl MotionStream<'_, '_> {
         };
         planning.check(capacity, codes, frames_per_token)?;
 
-        let limits = planning::Limits { words, steps: planning.steps, guided: planning.guided(), anchors: false };
+        let limits =
+            planning::PlanningLimits { words, steps: planning.steps, guided: planning.guided(), anchors: false };
         let needed = self.spare.used() + planning_bytes(&modules, capacity, context + count, &limits, self.rows);
         let available = self.spare.available();
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });

@@ -12,7 +12,7 @@ use crate::JOINTS;
 use crate::channels::Channels;
 use crate::codec::Decode;
 use crate::memory::{ALIGNMENT, Arena};
-use crate::refining::{Config, MotionMap, Objective, Report, Shape, Stop, scratch_bytes, solve};
+use crate::refining::{Config, MotionMap, Objective, ProblemShape, Report, Stop, scratch_bytes, solve};
 use crate::representation::humanml3d::{self, Recovery};
 use crate::representation::{Features, Recover};
 use crate::request::conditions::{Anchor, AnchorSet, Target};
@@ -144,7 +144,7 @@ fn bend<R: Recover + Copy>(decoder: &Repeat, recovery: R, path: &mut R::Path<'_>
     };
     let mut u: Vec<f32> = (0..TOKENS * decoder.features).map(|i| 0.02 * (i as f32 * 0.7).sin()).collect();
     let gradient_error = gradient_error(&mut map, &u, anchors);
-    let shape = Shape { tokens: TOKENS, width: decoder.features, anchors: set.len() };
+    let shape = ProblemShape { tokens: TOKENS, width: decoder.features, anchors: set.len() };
     let mut scratch = vec![0u8; scratch_bytes(shape, &config) + ALIGNMENT];
     let report = solve(&mut map, &mut u, &objective, &config, Arena::new(&mut scratch)).unwrap();
     assert!(map.forward(&u).is_continue());

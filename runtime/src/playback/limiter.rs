@@ -28,7 +28,7 @@ pub fn degrees(angle: Angle) -> f32 {
 
 /// What an angle may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Limits {
+pub struct ServoLimits {
     /// Smallest angle.
     pub low: Angle,
     /// Largest angle.
@@ -39,10 +39,10 @@ pub struct Limits {
     pub change: Angle,
 }
 
-/// An angle that keeps its [`Limits`].
+/// An angle that keeps its [`ServoLimits`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limiter {
-    limits: Limits,
+    limits: ServoLimits,
     at: Angle,
     step: Angle,
     target: Angle,
@@ -77,10 +77,10 @@ impl Limiter {
     /// At rest at the angle nearest to `at` inside the range.
     #[must_use]
     #[inline(never)]
-    pub fn new(limits: Limits, at: Angle) -> Self {
-        let Limits { low, high, step, change } = limits;
+    pub fn new(limits: ServoLimits, at: Angle) -> Self {
+        let ServoLimits { low, high, step, change } = limits;
         let high = larger(low, high);
-        let limits = Limits { low, high, step: larger(step, 1), change: larger(change, 1) };
+        let limits = ServoLimits { low, high, step: larger(step, 1), change: larger(change, 1) };
         let at = smaller(larger(at, low), high);
         Limiter { limits, at, step: 0, target: at }
     }
@@ -99,7 +99,7 @@ impl Limiter {
 
     /// What it keeps.
     #[must_use]
-    pub const fn limits(&self) -> &Limits {
+    pub const fn limits(&self) -> &ServoLimits {
         &self.limits
     }
 
@@ -109,7 +109,7 @@ impl Limiter {
     /// reached without overshoot, one that moves within the limits is followed without lag.
     #[inline(never)]
     pub fn follow(&mut self, target: Angle) -> bool {
-        let Limits { low, high, change, .. } = self.limits;
+        let ServoLimits { low, high, change, .. } = self.limits;
         let goal = smaller(larger(target, low), high);
         let moved = goal.saturating_sub(self.target);
         let behind = self.target.saturating_sub(self.at);
@@ -134,7 +134,7 @@ impl Limiter {
     /// Takes the allowed step nearest to `wanted`.
     #[inline(never)]
     fn take(&mut self, wanted: Angle) {
-        let Limits { low, high, step, change } = self.limits;
+        let ServoLimits { low, high, step, change } = self.limits;
         let most = smaller(
             smaller(self.step.saturating_add(change), step),
             stopping_step(high.saturating_sub(self.at), change),
@@ -153,14 +153,14 @@ mod tests {
     use super::*;
     use crate::numerics::hash::Stream;
 
-    fn limits(random: &mut Stream) -> Limits {
+    fn limits(random: &mut Stream) -> ServoLimits {
         let low = random.below(1 << 24) as Angle - (1 << 23);
         let mut scaled = |bits: u32| {
             let bits = 1 + random.below(bits);
             1 + random.below(1 << bits) as Angle
         };
         let (high, step, change) = (low + scaled(24), scaled(22), scaled(22));
-        Limits { low, high, step, change }
+        ServoLimits { low, high, step, change }
     }
 
     /// As slowly as it can be found.
@@ -238,7 +238,7 @@ mod tests {
             assert!(ticks.is_some(), "not there after {most}: {limiter:?} to {target}");
             assert!((0..100).all(|_| limiter.follow(target)) && limiter.step() == 0);
         }
-        let limits = Limits { low: -10_000_000, high: 10_000_000, step: 20_000, change: 2_000 };
+        let limits = ServoLimits { low: -10_000_000, high: 10_000_000, step: 20_000, change: 2_000 };
         let mut limiter = Limiter::new(limits, 0);
         for tick in 1..300i32 {
             // A ramp that speeds up and slows down within the limits is followed without lag.

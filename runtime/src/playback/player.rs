@@ -8,7 +8,7 @@ use heapless::spsc::Consumer;
 
 use super::control::{Control, State, Status, Wish};
 use super::interpolate::monotone_cubic;
-use super::limiter::{Angle, Limiter, Limits, UNITS, units};
+use super::limiter::{Angle, Limiter, ServoLimits, UNITS, units};
 use super::queue::{Item, Source, degrees, is_before, whole};
 use super::robot::{Channel, Rest, Robot};
 use super::start::Start;
@@ -508,11 +508,11 @@ impl<'a, const C: usize> Player<'a, C> {
 impl Channel {
     /// What the servo may do at so many ticks a second, at most at `speed` degrees a second. Limits are rounded to the safe side.
     #[inline(never)]
-    fn limits(&self, tick_rate: u16, speed: f32) -> Limits {
+    fn limits(&self, tick_rate: u16, speed: f32) -> ServoLimits {
         let rate = f32::from(tick_rate);
         let [low, high] = self.range.map(units);
         let (step, change) = (speed / rate * UNITS, self.acceleration / (rate * rate) * UNITS);
-        Limits { low, high, step: step as Angle, change: change as Angle }
+        ServoLimits { low, high, step: step as Angle, change: change as Angle }
     }
 
     /// The command for an angle of the range: its ends are [`Channel::command`]'s.

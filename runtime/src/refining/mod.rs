@@ -36,7 +36,7 @@ pub use crate::stop::Stop;
 pub use config::{Activity, Basis, Config, Method, PerFamily};
 pub use grid::TokenGrid;
 pub use map::MotionMap;
-pub use methods::{Shape, scratch_bytes, solve};
+pub use methods::{ProblemShape, scratch_bytes, solve};
 pub use metric::Prior;
 pub use report::{ControlError, Report, SolverError, StopReason};
 pub(crate) use terms::most_joints;

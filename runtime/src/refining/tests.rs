@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use super::terms::Floor;
 use super::{
-    Basis, Config, MotionMap, Objective, Report, Shape, Stop, StopReason, Term, TokenGrid, scratch_bytes, solve,
+    Basis, Config, MotionMap, Objective, ProblemShape, Report, Stop, StopReason, Term, TokenGrid, scratch_bytes, solve,
 };
 use crate::JOINTS;
 use crate::memory::{ALIGNMENT, Arena};
@@ -76,7 +76,7 @@ fn bent(objective: &Objective<'_>, config: &Config) -> (Direct, Vec<f32>, Report
     let mut map =
         Direct { positions: vec![0.0; numbers], gradient: vec![0.0; numbers], asked: Cell::new(0), errors: Vec::new() };
     let mut u = vec![0.0; numbers];
-    let shape = Shape { tokens: GRID.tokens, width: WIDTH, anchors: objective.anchors().len() };
+    let shape = ProblemShape { tokens: GRID.tokens, width: WIDTH, anchors: objective.anchors().len() };
     let mut scratch = vec![0u8; scratch_bytes(shape, config) + ALIGNMENT];
     let report = solve(&mut map, &mut u, objective, config, Arena::new(&mut scratch)).expect("it solves");
     (map, u, report)

@@ -7,7 +7,7 @@ use half::f16;
 /// Largest magnitude of a stored number.
 pub const MAX_VALUE: f32 = 1e4;
 /// Name of the prompt that says nothing.
-pub const NONE: &str = "<none>";
+pub const UNCONDITIONAL: &str = "<none>";
 
 /// The stored prompts of a blob.
 #[derive(Debug, Clone, Copy)]

@@ -56,7 +56,7 @@ impl<'a> Text<'a> {
         let length = Linear::open(tensors, config.width, max_tokens)?;
         let bank = Bank::open(tensors, config.bank.names(), config.width, config.max_words)?;
         // Guidance needs the prompt that says nothing, from one of the two.
-        if encoder.is_none() && bank.get(bank::NONE).is_none() {
+        if encoder.is_none() && bank.get(bank::UNCONDITIONAL).is_none() {
             return Err(Error::Config { what: "text.bank without <none>", found: bank.len() as u32, limit: 0 });
         }
         let text =

@@ -8,7 +8,7 @@ pub const MAX_WORD: usize = 32;
 /// Longest prompt, bytes: more is refused before it is read.
 pub const MAX_PROMPT: usize = 4096;
 /// Id of `<none>`: the only word of the prompt that says nothing.
-pub const NONE: u16 = 0;
+pub const UNCONDITIONAL: u16 = 0;
 /// Id of `<unknown>`: every word outside the vocabulary.
 pub const UNKNOWN: u16 = 1;
 

@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 
 use motionette::memory::{ALIGNMENT, Arena};
 use motionette::refining::{
-    Config, MotionMap, Objective, Report, Shape, SolverError, Stop, TokenGrid, scratch_bytes, solve,
+    Config, MotionMap, Objective, ProblemShape, Report, SolverError, Stop, TokenGrid, scratch_bytes, solve,
 };
 use motionette::request::conditions::{Anchor, AnchorSet};
 
@@ -40,7 +40,7 @@ pub fn run_over(
     set: &AnchorSet,
     config: &Config,
 ) -> Result<Report, SolverError> {
-    let shape = Shape { tokens: mock.tokens, width: mock.width, anchors: set.len() };
+    let shape = ProblemShape { tokens: mock.tokens, width: mock.width, anchors: set.len() };
     let need = scratch_bytes(shape, config);
     let mut scratch = Scratch::new(need, filler);
     solve(mock, u, &Objective::new(set, config), config, Arena::new(&mut scratch.bytes()[..need]))

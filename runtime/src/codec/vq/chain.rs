@@ -215,10 +215,10 @@ impl Chain<'_> {
         frames: usize,
     ) {
         let Work { scratch, output_row, output_q, output_scales, acc_low } = &mut self.work;
-        let together = scratch.block.scales.len();
+        let rows_per_block = scratch.block.scales.len();
         let acc = &mut *scratch.block.acc;
         let mut last =
-            output::OutputScratch { row: output_row, q: output_q, scales: output_scales, together, acc, acc_low };
+            output::OutputScratch { row: output_row, q: output_q, scales: output_scales, rows_per_block, acc, acc_low };
         let dx = part_mut!(self.sequence, ..frames * decoder.width);
         decoder.output.backward(g, channels, first, dx, &mut last);
         self.rows = frames;

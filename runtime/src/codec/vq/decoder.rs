@@ -10,7 +10,7 @@ use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
 use crate::channels::Channels;
 use crate::codec::Decode;
 use crate::memory::{Arena, ArenaTooSmall, bytes_of};
-use crate::nn::conv1d::{Conv1d, Rows, Shape};
+use crate::nn::conv1d::{Conv1d, ConvShape, Rows};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::nn::mask;
 use crate::nn::output::Output;
@@ -40,7 +40,7 @@ impl ChunkShape {
 
 /// Residual blocks and the upsampling convolution behind them.
 #[derive(Debug, Clone)]
-pub(super) struct Stage<'a> {
+pub(super) struct UpsampleStage<'a> {
     pub(super) blocks: Vec<Residual<'a>, MAX_BLOCKS>,
     pub(super) upsample: Conv1d<'a>,
 }
@@ -49,7 +49,7 @@ pub(super) struct Stage<'a> {
 #[derive(Debug, Clone)]
 pub struct Decoder<'a> {
     pub(super) input: Conv1d<'a>,
-    pub(super) stages: Vec<Stage<'a>, MAX_STAGES>,
+    pub(super) stages: Vec<UpsampleStage<'a>, MAX_STAGES>,
     pub(super) middle: Conv1d<'a>,
     pub(super) output: Output<'a>,
     pub(super) width: usize,
@@ -87,31 +87,31 @@ impl<'a> Decoder<'a> {
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(tensors: &mut Tensors<'a>, config: &DecoderConfig, largest_input: f32) -> Result<Self, Error> {
         let &DecoderConfig { width, code_width, features, .. } = config;
-        let hidden = Shape { taps: 3, dilation: 1, inputs: width, outputs: width };
+        let hidden = ConvShape { taps: 3, dilation: 1, inputs: width, outputs: width };
         let mut bound = largest_input;
         let mut index = tensors.index();
-        let input = Conv1d::open(tensors, Shape { inputs: code_width, ..hidden })?;
+        let input = Conv1d::open(tensors, ConvShape { inputs: code_width, ..hidden })?;
         bound = bounded(input.bound(bound), index)?;
         let mut stages = Vec::new();
         for _ in 0..config.stages {
             let mut blocks = Vec::new();
             for &dilation in &config.dilations {
                 index = tensors.index();
-                let conv1 = Conv1d::open(tensors, Shape { dilation, ..hidden })?;
-                let conv2 = Conv1d::open(tensors, Shape { taps: 1, ..hidden })?;
+                let conv1 = Conv1d::open(tensors, ConvShape { dilation, ..hidden })?;
+                let conv2 = Conv1d::open(tensors, ConvShape { taps: 1, ..hidden })?;
                 bound = bounded(bound + conv2.bound(conv1.bound(bound)), index)?;
                 blocks.push(Residual { conv1, conv2 }).map_err(|_| Error::Manifest)?;
             }
             index = tensors.index();
             let upsample = Conv1d::open(tensors, hidden)?;
             bound = bounded(upsample.bound(bound), index)?;
-            stages.push(Stage { blocks, upsample }).map_err(|_| Error::Manifest)?;
+            stages.push(UpsampleStage { blocks, upsample }).map_err(|_| Error::Manifest)?;
         }
         index = tensors.index();
         let middle = Conv1d::open(tensors, hidden)?;
         bound = bounded(middle.bound(bound), index)?;
         index = tensors.index();
-        let output = Output::open(tensors, Shape { outputs: features, ..hidden })?;
+        let output = Output::open(tensors, ConvShape { outputs: features, ..hidden })?;
         bounded(output.bound(bound), index)?;
         let (width, code_width) = (usize::from(width), usize::from(code_width));
         Ok(Decoder { input, stages, middle, output, width, code_width })

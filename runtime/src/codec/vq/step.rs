@@ -114,7 +114,7 @@ impl Layer<'_, '_> {
             return downsample(conv, tail, (rows, zeros), sequence, work);
         }
         let Work { scratch: residual::ResidualScratch { q, scales, row, block }, acc_low, .. } = work;
-        let together = block.scales.len();
+        let rows_per_block = block.scales.len();
         let (width, ahead, skipped) = (self.width(way), self.ahead(), self.skipped(way));
         let (came, copies) = (rows + zeros, if let Layer::Upsample(_) = self { 2 } else { 1 });
         // Results before the motion's first row and behind its last are left out.
@@ -168,12 +168,12 @@ impl Layer<'_, '_> {
         match (self, way) {
             (Layer::Convolution(conv), Direction::Forward) => {
                 let y = part_mut!(sequence, ..results * conv.outputs());
-                conv.forward(window, first, y, together, block.acc);
+                conv.forward(window, first, y, rows_per_block, block.acc);
                 mask::relu_rows(y, gates.of(outer, left, results), conv.outputs());
             }
             (Layer::Convolution(conv), Direction::Back) => {
                 let dx = part_mut!(sequence, ..results * conv.inputs());
-                conv.backward(window, first, dx, together, block.acc);
+                conv.backward(window, first, dx, rows_per_block, block.acc);
             }
             (Layer::Residual(layer), _) => {
                 let x = part_mut!(sequence, ..came * width);
@@ -186,13 +186,13 @@ impl Layer<'_, '_> {
             }
             (Layer::Upsample(conv), _) => {
                 let y = part_mut!(sequence, ..results * conv.outputs());
-                conv.forward_upsampled(window, first, y, together, block.acc);
+                conv.forward_upsampled(window, first, y, rows_per_block, block.acc);
             }
             (Layer::Output(output), _) => {
                 let y = part_mut!(sequence, ..results * channels.count());
                 let acc = &mut *block.acc;
                 let mut scratch =
-                    output::OutputScratch { row: &mut [], q: &mut [], scales: &mut [], together, acc, acc_low };
+                    output::OutputScratch { row: &mut [], q: &mut [], scales: &mut [], rows_per_block, acc, acc_low };
                 output.forward(window, first, channels, y, &mut scratch);
             }
         }

@@ -29,11 +29,11 @@ pub mod session;
 pub mod tmd;
 pub mod transformer;
 
-pub use crate::conditioning::anchor_kv::Control;
+pub use crate::conditioning::anchor_kv::AnchorControl;
 pub use length::Length;
 pub use request::{Fixed, Planning, PlanningError};
 pub use sampler::{Sampler, TokenSampler};
 pub use sampling::Sampling;
 pub use schedule::Schedule;
-pub use session::{Bytes, Limits, Session};
+pub use session::{PlanningBytes, PlanningLimits, Session};
 pub use transformer::Planner;

@@ -6,7 +6,7 @@ use super::request::Planning;
 use super::sampler::{Draw, Logits, TokenSampler};
 use super::transformer::{Input, Planner};
 use crate::codec::codebook::Codebooks;
-use crate::conditioning::anchor_kv::{self, Control};
+use crate::conditioning::anchor_kv::{self, AnchorControl};
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::attention::SegmentMut;
 use crate::nn::block::{BlockScratch, Sizes, StackScratch};
@@ -17,7 +17,7 @@ use crate::request::prompt::{Prompt, PromptError, PromptStats};
 use crate::stop::{Check, Stop};
 use crate::text::Text;
 use crate::text::bank;
-use crate::text::words::NONE;
+use crate::text::words::UNCONDITIONAL;
 use core::ops::ControlFlow;
 
 /// What is worked in; there is room for it, since the session took as much.
@@ -34,7 +34,7 @@ macro_rules! worked_in {
 
 /// The largest plan that is to be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Limits {
+pub struct PlanningLimits {
     /// Words of the prompt, or rows of a stored one.
     pub words: usize,
     /// Steps of the sampler.
@@ -53,7 +53,7 @@ pub struct Modules<'m, 'b> {
     /// Planner.
     pub planner: &'m Planner<'b>,
     /// What anchors tell the planner.
-    pub control: Option<&'m Control<'b>>,
+    pub control: Option<&'m AnchorControl<'b>>,
     /// The metric's code vectors.
     pub codebooks: &'m Codebooks<'b>,
 }
@@ -63,7 +63,7 @@ pub struct Modules<'m, 'b> {
 struct Lengths {
     words: usize,
     /// Rows of the prompt that says nothing; 0 without guidance.
-    none: usize,
+    unconditional: usize,
     /// Rows of the anchors' keys and values, rows that anchors tell something; 0 without them.
     anchors: (usize, usize),
     tokens: usize,
@@ -80,7 +80,7 @@ struct Lengths {
 
 /// Bytes of a session by purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Bytes {
+pub struct PlanningBytes {
     /// Keys and values of prompts.
     pub text: usize,
     /// Keys and values of anchors, and what they tell each row.
@@ -93,14 +93,14 @@ pub struct Bytes {
     pub draw: usize,
 }
 
-impl Bytes {
+impl PlanningBytes {
     /// In all.
     #[must_use]
     pub const fn all(&self) -> usize {
         self.text + self.anchors + self.rows + self.working()
     }
 
-    /// Of [`Bytes::pass`] and [`Bytes::draw`], which take turns.
+    /// Of [`PlanningBytes::pass`] and [`PlanningBytes::draw`], which take turns.
     #[must_use]
     pub const fn working(&self) -> usize {
         if self.pass > self.draw { self.pass } else { self.draw }
@@ -143,15 +143,15 @@ impl<'s> Pass<'s> {
 
 impl<'m, 'b> Modules<'m, 'b> {
     /// Anchor control, where the blob has it and anchors are to condition the planner.
-    fn control(&self, limits: &Limits) -> Option<&'m Control<'b>> {
+    fn control(&self, limits: &PlanningLimits) -> Option<&'m AnchorControl<'b>> {
         self.control.filter(|_| limits.anchors)
     }
 
     /// Rows of the prompt that says nothing.
-    fn none_rows(&self) -> usize {
+    fn unconditional_rows(&self) -> usize {
         match self.text.encoder() {
             Some(_) => 1,
-            None => self.text.bank().get(bank::NONE).map_or(0, |entry| entry.rows()),
+            None => self.text.bank().get(bank::UNCONDITIONAL).map_or(0, |entry| entry.rows()),
         }
     }
 
@@ -168,10 +168,10 @@ impl<'m, 'b> Modules<'m, 'b> {
         Ok((Logits::new(self.planner, rows, arena)?, sampler.layout(arena, self.codebooks)?))
     }
 
-    fn lengths(&self, tokens: usize, limits: &Limits, rows: usize) -> Lengths {
+    fn lengths(&self, tokens: usize, limits: &PlanningLimits, rows: usize) -> Lengths {
         let most = |a: usize, b: usize| if a > b { a } else { b };
-        let none = if limits.guided { self.none_rows() } else { 0 };
-        let (words, memory) = (limits.words, most(limits.words, none));
+        let unconditional = if limits.guided { self.unconditional_rows() } else { 0 };
+        let (words, memory) = (limits.words, most(limits.words, unconditional));
         let (d, dt) = (self.planner.width(), self.text.width());
         let own_rows = 1 + tokens;
         let control = self.control(limits);
@@ -195,7 +195,7 @@ impl<'m, 'b> Modules<'m, 'b> {
         sizes.rows = rows.clamp(LEAST_ROWS, MOST_ROWS);
         Lengths {
             words,
-            none,
+            unconditional,
             anchors,
             tokens,
             x,
@@ -210,23 +210,23 @@ impl<'m, 'b> Modules<'m, 'b> {
     /// Arena bytes of [`Session::new`].
     #[must_use]
     #[inline(never)]
-    pub fn bytes(&self, tokens: usize, limits: &Limits, rows: usize) -> Bytes {
+    pub fn bytes(&self, tokens: usize, limits: &PlanningLimits, rows: usize) -> PlanningBytes {
         let session = Session::new(*self, &mut Arena::measuring(), tokens, limits, rows);
         invariant!(session.is_ok(), "an arena that measures refuses nothing");
-        session.map_or(Bytes::default(), |session| session.bytes)
+        session.map_or(PlanningBytes::default(), |session| session.bytes)
     }
 
     /// Multiply-accumulates of a plan at most: text and anchors read, all passes, logits and distances of every position and step.
     #[must_use]
-    pub fn macs(&self, tokens: usize, limits: &Limits) -> u64 {
-        let none = if limits.guided { self.none_rows() } else { 0 };
+    pub fn macs(&self, tokens: usize, limits: &PlanningLimits) -> u64 {
+        let unconditional = if limits.guided { self.unconditional_rows() } else { 0 };
         let encode = |rows: usize| self.text.encoder().map_or(0, |encoder| encoder.macs(rows));
         let each = |rows: usize| {
             if rows == 0 { 0 } else { encode(rows) + self.planner.read_macs(rows) }
         };
         let (anchors, scaffold) = self.control(limits).map_or((0, 0), |control| (tokens, control.macs(tokens)));
-        let read = each(limits.words) + each(none) + self.text.length().macs() + scaffold;
-        let guided = if none == 0 { 0 } else { self.planner.pass_macs(tokens, 0, none) };
+        let read = each(limits.words) + each(unconditional) + self.text.length().macs() + scaffold;
+        let guided = if unconditional == 0 { 0 } else { self.planner.pass_macs(tokens, 0, unconditional) };
         let passes = self.planner.pass_macs(tokens, anchors, limits.words) + guided;
         let position = self.planner.logits_macs() + self.planner.sampler().macs(self.codebooks);
         read + u64::from(limits.steps) * (passes + tokens as u64 * position)
@@ -246,7 +246,7 @@ enum Reading<'r> {
 pub struct Session<'m, 'b, 'w> {
     modules: Modules<'m, 'b>,
     text: Condition<'w>,
-    none: Condition<'w>,
+    unconditional: Condition<'w>,
     anchors: Condition<'w>,
     /// `[words]`
     words: &'w mut [u16],
@@ -261,7 +261,7 @@ pub struct Session<'m, 'b, 'w> {
     predicted: usize,
     needed: Lengths,
     /// What it has taken.
-    bytes: Bytes,
+    bytes: PlanningBytes,
     /// Where passes and draws take turns.
     spare: Arena<'w>,
 }
@@ -275,13 +275,13 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         modules: Modules<'m, 'b>,
         arena: &mut Arena<'w>,
         tokens: usize,
-        limits: &Limits,
+        limits: &PlanningLimits,
         rows: usize,
     ) -> Result<Self, ArenaTooSmall> {
         let l = modules.lengths(tokens, limits, rows);
         let begin = arena.used();
         let text = Condition::new(modules.planner, arena, l.words, 1)?;
-        let none = Condition::new(modules.planner, arena, l.none, usize::from(limits.guided))?;
+        let unconditional = Condition::new(modules.planner, arena, l.unconditional, usize::from(limits.guided))?;
         let of_text = arena.used() - begin;
         let anchors = Condition::new(modules.planner, arena, l.anchors.0, l.anchors.1)?;
         let of_anchors = arena.used() - begin - of_text;
@@ -290,7 +290,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let lengths = arena.take(modules.text.length().outputs())?;
         let x = arena.take(l.x)?;
         let proposal = arena.take(l.tokens)?;
-        let bytes = Bytes {
+        let bytes = PlanningBytes {
             text: of_text,
             anchors: of_anchors,
             rows: arena.used() - begin - of_text - of_anchors,
@@ -302,7 +302,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         Ok(Session {
             modules,
             text,
-            none,
+            unconditional,
             anchors,
             words,
             pooled,
@@ -349,19 +349,19 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         if self.needed.guided == 0 {
             return ControlFlow::Continue(());
         }
-        let none = match self.modules.text.encoder() {
-            None => Reading::Stored(bank::NONE),
+        let unconditional = match self.modules.text.encoder() {
+            None => Reading::Stored(bank::UNCONDITIONAL),
             Some(_) => {
                 if let Some(word) = self.words.first_mut() {
-                    *word = NONE;
+                    *word = UNCONDITIONAL;
                 }
                 Reading::Words(1)
             }
         };
-        self.encode(none, true, check)
+        self.encode(unconditional, true, check)
     }
 
-    fn encode(&mut self, reading: Reading<'_>, none: bool, check: Check<'_>) -> ControlFlow<Stop> {
+    fn encode(&mut self, reading: Reading<'_>, unconditional: bool, check: Check<'_>) -> ControlFlow<Stop> {
         let Modules { text, planner, .. } = self.modules;
         let mut spare = self.spare.overlay();
         let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
@@ -384,12 +384,12 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
                 }
             },
         };
-        let condition = if none { &mut self.none } else { &mut self.text };
+        let condition = if unconditional { &mut self.unconditional } else { &mut self.text };
         planner.read(memory, self.pooled, condition, &mut pass.scratch, check)
     }
 
     /// Reads the anchors of a motion of `tokens` tokens, no more than the session was made for: from here on they condition every
-    /// pass. Without room for them ([`Limits::anchors`]), or with none of a family that the planner was trained for, nothing
+    /// pass. Without room for them ([`PlanningLimits::anchors`]), or with none of a family that the planner was trained for, nothing
     /// happens.
     ///
     /// Breaks off when `check` says so; it is asked behind every block.
@@ -440,9 +440,9 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             *to = *from;
         }
         // What guides is text and anchors together: the other end knows neither.
-        planner.forward(&input, &self.none, None, x, &mut scratch, check)?;
-        for (none, text) in x.iter_mut().skip(width).zip(guided.iter()) {
-            *none += planning.guidance * (*text - *none);
+        planner.forward(&input, &self.unconditional, None, x, &mut scratch, check)?;
+        for (unconditional, text) in x.iter_mut().skip(width).zip(guided.iter()) {
+            *unconditional += planning.guidance * (*text - *unconditional);
         }
         ControlFlow::Continue(())
     }

@@ -18,9 +18,9 @@ use crate::request::conditions::AnchorSet;
 /// Most frames of a motion: anchors and intervals count them in 16 bits.
 const MAX_FRAMES: usize = 1 << 16;
 
-/// Shape of a problem.
+/// ProblemShape of a problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shape {
+pub struct ProblemShape {
     /// Tokens of the motion.
     pub tokens: usize,
     /// Numbers of a token embedding.
@@ -29,7 +29,7 @@ pub struct Shape {
     pub anchors: usize,
 }
 
-impl Shape {
+impl ProblemShape {
     /// Numbers of all embeddings.
     const fn variables(&self) -> usize {
         self.tokens.saturating_mul(self.width)
@@ -52,7 +52,7 @@ enum Steps<'s> {
 }
 
 impl<'s> Buffers<'s> {
-    fn take(arena: &mut Arena<'s>, shape: Shape, config: &Config) -> Result<Self, ArenaTooSmall> {
+    fn take(arena: &mut Arena<'s>, shape: ProblemShape, config: &Config) -> Result<Self, ArenaTooSmall> {
         Ok(Buffers {
             values: arena.take(values_len(shape.tokens, config.basis))?,
             origin: arena.take(shape.variables())?,
@@ -66,7 +66,7 @@ impl<'s> Buffers<'s> {
 
 /// Arena bytes that [`solve`] takes for a problem of this shape: exact, known before anything runs.
 #[must_use]
-pub fn scratch_bytes(shape: Shape, config: &Config) -> usize {
+pub fn scratch_bytes(shape: ProblemShape, config: &Config) -> usize {
     Arena::measure(|arena| Buffers::take(arena, shape, config))
 }
 
@@ -99,7 +99,7 @@ pub fn solve<M: MotionMap>(
         return Err(SolverError::FrameOutOfRange { frame, frames });
     }
     let Buffers { values, origin, steps } =
-        Buffers::take(&mut arena, Shape { tokens, width, anchors: anchors.len() }, config)
+        Buffers::take(&mut arena, ProblemShape { tokens, width, anchors: anchors.len() }, config)
             .map_err(SolverError::Arena)?;
     let mut run = Run::new(map, objective, config);
     if objective.is_empty() {

@@ -18,7 +18,7 @@ use super::super::config::Basis;
 use super::super::optimiser::adam::Adam;
 use super::super::report::{Ended, SolverError, StopReason, stopped};
 use super::super::vector::{all_finite, axpy, copy, squared_distance};
-use super::{Run, Shape};
+use super::{ProblemShape, Run};
 use crate::memory::{Arena, ArenaTooSmall};
 
 /// What the method works in, as many numbers each as the embeddings have.
@@ -31,7 +31,7 @@ pub(super) struct Buffers<'s> {
 }
 
 impl<'s> Buffers<'s> {
-    pub(super) fn take(arena: &mut Arena<'s>, shape: Shape) -> Result<Self, ArenaTooSmall> {
+    pub(super) fn take(arena: &mut Arena<'s>, shape: ProblemShape) -> Result<Self, ArenaTooSmall> {
         let n = shape.variables();
         let [best, delta] = [arena.take(n)?, arena.take(n)?];
         Ok(Buffers { best, delta, first_moment: arena.take(n)?, second_moment: arena.take(n)? })

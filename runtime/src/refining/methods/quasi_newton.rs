@@ -24,7 +24,7 @@ use super::super::report::{Ended, SolverError, StopReason, stopped};
 use super::super::terms::{Objective, Point};
 use super::super::vector::{all_finite, axpy, copy, dot, squared_distance};
 use super::super::{MotionMap, Stop};
-use super::{Run, Shape};
+use super::{ProblemShape, Run};
 use crate::memory::{Arena, ArenaTooSmall};
 
 /// Fraction of the predicted decrease that a step must reach.
@@ -61,7 +61,7 @@ pub(super) struct Buffers<'s> {
 }
 
 impl<'s> Buffers<'s> {
-    pub(super) fn take(arena: &mut Arena<'s>, shape: Shape, config: &Config) -> Result<Self, ArenaTooSmall> {
+    pub(super) fn take(arena: &mut Arena<'s>, shape: ProblemShape, config: &Config) -> Result<Self, ArenaTooSmall> {
         let tokens = arena.take(shape.variables())?;
         let metric = arena.take(if config.prior.is_some() { factor_len(shape.anchors) } else { 0 })?;
         let n = most_coefficients(shape.tokens, shape.anchors, config.basis).saturating_mul(shape.width);
