@@ -10,7 +10,7 @@
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use heapless::Deque;
-use motionette::generation::tokens::Planning;
+use motionette::Planning;
 use motionette::playback::output::BusStatus;
 use motionette::playback::{self, Control};
 use motionette::refining::Config;

@@ -12,28 +12,31 @@
 //! ```
 //!
 //! # Rooms, top-down, and what each may not know
-//! - [`pipeline`]: runs a request through the stages, or a motion that goes on segment by segment, and plans its bytes and work
+//! What firmware needs stands at the root of the crate, in [`blob`], [`refining`] and [`playback`]. The other rooms are seen by tests and tools,
+//! with feature `internals`, and may change in any release.
+//!
+//! - `pipeline`: runs a request through the stages, or a motion that goes on segment by segment, and plans its bytes and work
 //!   beforehand. Owns the arena; knows every room below, none knows it.
-//! - [`request`]: what a user asks for: prompts, joints by name, anchors in frames or seconds, checked. Knows no model.
-//! - [`text`]: prompts to memory rows: words, vocabulary, stored prompts, encoder. Knows words, no motion.
-//! - [`conditioning`]: anchors as a planner sees them: scaffold, its encoder, keys and values. Knows anchors and networks.
-//! - [`generation`]: a family of generators each. [`generation::tokens`]: transformer, session and samplers
-//!   ([`generation::tokens::TokenSampler`] is the seam for another one). Does not know what a token moves.
-//! - [`codec`]: tokens to features of the representation, and the gradient back ([`codec::Decode`] is the seam). Knows nothing of
+//! - `request`: what a user asks for: prompts, joints by name, anchors in frames or seconds, checked. Knows no model.
+//! - `text`: prompts to memory rows: words, vocabulary, stored prompts, encoder. Knows words, no motion.
+//! - `conditioning`: anchors as a planner sees them: scaffold, its encoder, keys and values. Knows anchors and networks.
+//! - `generation`: a family of generators each. `generation::tokens`: transformer, session and samplers
+//!   (trait `TokenSampler` is the seam for another one). Does not know what a token moves.
+//! - `codec`: tokens to features of the representation, and the gradient back (trait `Decode` is the seam). Knows nothing of
 //!   anchors.
-//! - [`representation`]: features to joints, and the gradient back ([`representation::Recover`] is the seam); the skeleton. Knows
+//! - `representation`: features to joints, and the gradient back (trait `Recover` is the seam); the skeleton. Knows
 //!   neither generator nor networks.
 //! - [`refining`]: the anchor solver: an objective of terms, a basis, methods. Knows a differentiable [`refining::MotionMap`], not the
 //!   decoder behind it.
 //! - [`playback`]: motions onto servos: inverse kinematics, fades, limits, outputs, a verified start. Knows joints and frames, not how
 //!   they were made.
-//! - [`nn`]: layers with forward and input gradient, and their configurations. Know nothing of the model they stand in.
-//! - [`kernels`]: integer inner loops; the portable ones are the specification.
-//! - [`model`]: a blob opened and resolved to its rooms, each checked on its own. After [`Model::open`] nothing about it can fail.
+//! - `nn`: layers with forward and input gradient, and their configurations. Know nothing of the model they stand in.
+//! - `kernels`: integer inner loops; the portable ones are the specification.
+//! - `model`: a blob opened and resolved to its rooms, each checked on its own. After [`Model::open`] nothing about it can fail.
 //! - [`blob`]: the model file: format, manifest, checked zero-copy views.
-//! - [`memory`]: the one allocator over the caller's bytes; the same declarations, measured, are the plan.
-//! - [`channels`]: which features are wanted, the one word that codec and representation share.
-//! - [`numerics`]: angles, hashes, the seeded random stream. [`stop`]: the one way to end work before its time.
+//! - `memory`: the one allocator over the caller's bytes; the same declarations, measured, are the plan.
+//! - `channels`: which features are wanted, the one word that codec and representation share.
+//! - `numerics`: angles, hashes, the seeded random stream. `stop`: the one way to end work before its time.
 //!
 //! # Example
 //! ```no_run
@@ -70,9 +73,10 @@
 //!
 //! `defmt`: `defmt::Format` on public types and progress messages; off it costs zero bytes.
 //! `dsp`, `mve`: kernels for Armv8-M cores that have the DSP extension (most Cortex-M33) or MVE with floating point (Cortex-M55); Armv7E-M
-//! (Cortex-M4, M7) and x86-64 need no feature, other targets take no notice. `check-kernels`: [`kernels`] come with the runner
+//! (Cortex-M4, M7) and x86-64 need no feature, other targets take no notice. `check-kernels`: `kernels` come with the runner
 //! that compares them with the portable ones on a device. `count`: they count multiply-accumulates, for tests of plans.
 //! `invariants`: what cannot be panics instead of carrying on, for tests and check builds.
+//! `internals`: all rooms are public, for tests and tools.
 //! `pwm`, `pca9685`, `sts3215`: outputs of [`playback`], on `embedded-hal` and `embedded-io`.
 //!
 //! # Numerics
@@ -80,6 +84,9 @@
 //! operations in a written order, so that every target computes the same bits.
 #![no_std]
 #![deny(unsafe_code)]
+#![allow(rustdoc::private_intra_doc_links)]
+// Rooms that nobody outside sees hold more than one set of features uses; with `internals` the lint sees all of it.
+#![cfg_attr(not(feature = "internals"), allow(dead_code, unused_imports))]
 
 #[cfg(test)]
 extern crate std;
@@ -90,37 +97,105 @@ compile_error!("motionette reads little-endian weights in place; big-endian targ
 #[macro_use]
 mod invariant;
 
-pub mod blob;
+// What firmware needs of these rooms stands at the root; tests and tools see the rooms themselves.
+#[cfg(not(feature = "internals"))]
+mod channels;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod channels;
+#[cfg(not(feature = "internals"))]
+mod codec;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod codec;
+#[cfg(not(feature = "internals"))]
+mod conditioning;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod conditioning;
+#[cfg(not(feature = "internals"))]
+mod generation;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod generation;
+#[cfg(not(feature = "internals"))]
+mod kernels;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod kernels;
-mod log;
+#[cfg(not(feature = "internals"))]
+mod memory;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod memory;
+#[cfg(not(feature = "internals"))]
+mod model;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod model;
+#[cfg(not(feature = "internals"))]
+mod nn;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod nn;
+#[cfg(not(feature = "internals"))]
+mod numerics;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod numerics;
+#[cfg(not(feature = "internals"))]
+mod pipeline;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
 pub mod pipeline;
+#[cfg(not(feature = "internals"))]
+mod representation;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
+pub mod representation;
+#[cfg(not(feature = "internals"))]
+mod request;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
+pub mod request;
+#[cfg(not(feature = "internals"))]
+mod stop;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
+pub mod stop;
+#[cfg(not(feature = "internals"))]
+mod text;
+#[cfg(feature = "internals")]
+#[doc(hidden)]
+pub mod text;
+
+pub mod blob;
+mod log;
 #[cfg(feature = "playback")]
 pub mod playback;
 pub mod refining;
-pub mod representation;
-pub mod request;
-pub mod stop;
-pub mod text;
 
-pub use generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
-pub use model::Model;
+pub use generation::tokens::request::MAX_STEPS;
+pub use generation::tokens::{
+    Fixed, Length, Planning, PlanningBytes, PlanningError, PlanningLimits, Sampling, SamplingError, Schedule,
+};
+#[cfg(feature = "check-kernels")]
+pub use kernels::check as check_kernels;
+pub use memory::ArenaTooSmall;
+pub use model::{CargoFeature, Model, cargo_features};
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
+pub use numerics::hash::motion as motion_hash;
 pub use pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
 pub use pipeline::{
     Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage, StreamError,
 };
-pub use request::conditions::{Anchor, AnchorList, Anchors, Target};
-pub use request::joint::Joint;
-pub use request::prompt::Prompt;
+pub use request::conditions::{
+    Anchor, AnchorError, AnchorList, Anchors, AsAnchors, FARTHEST, Family, MAX_ANCHORS, Target,
+};
+pub use request::joint::{Joint, NoSuchJoint};
+pub use request::prompt::{Prompt, PromptError, PromptStats};
 pub use stop::Stop;
+pub use text::words::{MAX_PROMPT, MAX_WORD, Word, Words};
 
 /// Joints of the body skeleton (SMPL order, see [`representation::skeleton`]).
 pub const JOINTS: usize = 22;

@@ -5,8 +5,8 @@ use core::ops::ControlFlow;
 use std::{error::Error, fs};
 
 use motionette::{
-    Anchor, Generator, Joint, Limits, Model, Observer, Plan, Progress, Request, Stop, blob::Aligned,
-    generation::tokens as planning, refining::Config,
+    Anchor, Generator, Joint, Limits, Model, Observer, Plan, PlanningLimits, Progress, Request, Stop, blob::Aligned,
+    refining::Config,
 };
 
 /// Counts how often it was asked.
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (_, blob, _) = unsafe { blocks.align_to::<u8>() };
     let model = Model::open(blob)?;
 
-    let planning = Some(planning::PlanningLimits { words: 8, steps: 5, guided: true, anchors: true });
+    let planning = Some(PlanningLimits { words: 8, steps: 5, guided: true, anchors: true });
     let plan = Plan::for_request(
         &model,
         &Limits { tokens: 15, anchors: 2, refinement: Config::fast(20), planning, rows: motionette::ROWS },

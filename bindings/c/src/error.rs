@@ -2,10 +2,10 @@
 
 use core::ffi::{CStr, c_char};
 
-use motionette::generation::tokens::PlanningError;
+use motionette::AnchorError;
+use motionette::PlanningError;
+use motionette::PromptError;
 use motionette::refining::SolverError;
-use motionette::request::conditions::AnchorError;
-use motionette::request::prompt::PromptError;
 use motionette::{Error, blob};
 
 use crate::pointer::clamped;

@@ -234,7 +234,7 @@ pub unsafe extern "C" fn mtn_motion_hash(motion: *const mtn_motion, hash: *mut u
         let embeddings = unsafe { slice(motion.embeddings, motion.embedding_count, 0) }?;
         // SAFETY: as above.
         let joints = unsafe { slice(motion.joints, motion.frames, 0) }?;
-        let hash = motionette::numerics::hash::motion(embeddings, joints.as_flattened().as_flattened());
+        let hash = motionette::motion_hash(embeddings, joints.as_flattened().as_flattened());
         // SAFETY: aligned; the caller promises room for a number.
         unsafe { out.write(hash) };
         Ok(())

@@ -2,11 +2,10 @@
 
 use core::ffi::c_void;
 
-use motionette::generation::tokens::{self as planning, PlanningError, request::MAX_STEPS};
+use motionette::MAX_ANCHORS;
+use motionette::PromptError;
 use motionette::refining::Config;
-use motionette::request::conditions::MAX_ANCHORS;
-use motionette::request::prompt::PromptError;
-use motionette::{Error, Limits, Model, Plan};
+use motionette::{Error, Limits, MAX_STEPS, Model, Plan, PlanningError, PlanningLimits};
 
 use crate::error::{mtn_error, mtn_result, report};
 use crate::pointer::{Slot, clamped, place, slice};
@@ -143,7 +142,7 @@ impl mtn_limits {
         }
         let mut planning = None;
         if self.words > 0 {
-            let limit = model.planning().ok_or(PlanningError::NoPlanner)?.text.max_words();
+            let limit = model.max_words().ok_or(PlanningError::NoPlanner)?;
             if self.words > limit {
                 return Err(PromptError::TooManyWords { found: self.words, limit }.into());
             }
@@ -152,7 +151,7 @@ impl mtn_limits {
             }
             let (words, steps) = (self.words, self.steps);
             let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0);
-            planning = Some(planning::PlanningLimits { words, steps, guided, anchors });
+            planning = Some(PlanningLimits { words, steps, guided, anchors });
         }
         let anchors = if self.evaluations > 0 { self.anchors } else { 0 };
         let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };

@@ -2,8 +2,8 @@
 
 use core::ffi::c_char;
 
+use motionette::MAX_PROMPT;
 use motionette::refining::Config;
-use motionette::text::words::MAX_PROMPT;
 use motionette::{Anchor, AnchorList, JOINTS, Prompt, Request, Source};
 
 use crate::error::{mtn_error, mtn_result};
@@ -14,7 +14,7 @@ pub const MTN_JOINTS: usize = 22;
 /// Most anchors of a request.
 pub const MTN_MAX_ANCHORS: usize = 32;
 
-const _: () = assert!(MTN_JOINTS == JOINTS && MTN_MAX_ANCHORS == motionette::request::conditions::MAX_ANCHORS);
+const _: () = assert!(MTN_JOINTS == JOINTS && MTN_MAX_ANCHORS == motionette::MAX_ANCHORS);
 
 /// What an anchor holds: one of `MTN_FAMILY_*`.
 pub type mtn_family = u8;

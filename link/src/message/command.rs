@@ -1,7 +1,7 @@
 //! What a host can ask for.
 
 use heapless::{String, Vec};
-use motionette::generation::tokens::Planning;
+use motionette::Planning;
 use motionette::refining::Config;
 use serde::{Deserialize, Serialize};
 

@@ -2,10 +2,10 @@
 
 use core::fmt;
 
+use motionette::AnchorError;
 use motionette::Error;
-use motionette::generation::tokens::PlanningError;
-use motionette::request::conditions::AnchorError;
-use motionette::request::prompt::PromptError;
+use motionette::PlanningError;
+use motionette::PromptError;
 use serde::{Deserialize, Serialize};
 
 /// [`motionette::Error`] on the wire: why a job gave no motion.

@@ -1,7 +1,6 @@
 //! What a device says of a motion that it has made.
 
-use motionette::text::words::{UNKNOWN, Words};
-use motionette::{Model, Motion};
+use motionette::{Model, Motion, Words};
 use serde::{Deserialize, Serialize};
 
 use super::PHRASE_BYTES;
@@ -23,12 +22,11 @@ impl Understood {
     /// the text has no words. Words that do not fit a phrase are counted but not named.
     #[must_use]
     pub fn of(model: &Model<'_>, text: &str) -> Option<Self> {
-        let vocabulary = model.text()?.encoder()?.vocabulary();
         let (mut phrase, mut full) = (Phrase::new(), false);
         let (mut known, mut words) = (0u16, 0u16);
         for word in Words::new(text) {
             words = words.saturating_add(1);
-            if vocabulary.id(&word) == UNKNOWN {
+            if !model.knows(&word)? {
                 continue;
             }
             known = known.saturating_add(1);

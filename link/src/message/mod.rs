@@ -35,7 +35,7 @@ pub const FROM_DEVICE: u8 = 0x80;
 /// Longest prompt, bytes of UTF-8.
 pub const TEXT_BYTES: usize = 192;
 /// Most anchors of a request.
-pub const ANCHORS: usize = motionette::request::conditions::MAX_ANCHORS;
+pub const ANCHORS: usize = motionette::MAX_ANCHORS;
 /// Most bytes of a blob in one message.
 pub const CHUNK_BYTES: usize = 240;
 /// Longest name, bytes of UTF-8.

@@ -10,17 +10,25 @@ mod manifest;
 mod tensors;
 
 // What a manifest says of layers is theirs to define.
+#[doc(hidden)]
 pub use crate::nn::activation::Activation;
+#[doc(hidden)]
 pub use crate::nn::block::{Norm, TransformerConfig};
+#[doc(hidden)]
 pub use crate::nn::conv1d::Padding;
+#[doc(hidden)]
 pub use entry::{DType, MAX_NAME, MAX_TENSORS, TensorEntry};
 pub use error::Error;
 pub use header::{ALIGNMENT, HEADER_LEN, Header, MAGIC, MAJOR, MINOR, crc32};
+pub use manifest::{Card, SelfTest, Skeleton};
+// What the host tools write blobs with.
+#[doc(hidden)]
 pub use manifest::{
-    Card, Codec, ControlConfig, DecoderConfig, Generator, Guidance, HumanMl3d, MAX_BANK, MAX_BLOCKS, MAX_CONVOLUTIONS,
+    Codec, ControlConfig, DecoderConfig, Generator, Guidance, HumanMl3d, MAX_BANK, MAX_BLOCKS, MAX_CONVOLUTIONS,
     MAX_STAGES, MAX_VOCABULARY, Manifest, PhraseBank, PlannerConfig, Representation, SELF_TEST_NUMBERS, SKELETON_BYTES,
-    SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextLength, TextTable,
+    TextConfig, TextEncoderConfig, TextLength, TextTable,
 };
+#[doc(hidden)]
 pub use tensors::{Tensor, Tensors};
 
 /// Puts what it holds on an [`ALIGNMENT`]-byte boundary, as a blob in flash must be:

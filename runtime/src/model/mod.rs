@@ -22,6 +22,7 @@ use crate::generation::tokens::session::Modules;
 use crate::generation::tokens::{AnchorControl, Planner};
 use crate::representation::humanml3d::Recovery;
 use crate::text::Text;
+use crate::text::words::{UNKNOWN, Word};
 pub use families::{CargoFeature, cargo_features};
 
 /// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
@@ -169,60 +170,83 @@ impl<'a> Model<'a> {
     }
 
     /// Mean of each feature channel.
+    #[doc(hidden)]
     #[must_use]
     pub const fn mean(&self) -> &'a [f32] {
         self.mean
     }
 
     /// Standard deviation of each feature channel.
+    #[doc(hidden)]
     #[must_use]
     pub const fn std(&self) -> &'a [f32] {
         self.std
     }
 
     /// How joints are recovered from the features.
+    #[doc(hidden)]
     #[must_use]
     pub const fn recovery(&self) -> Recovery<'a> {
         Recovery { mean: self.mean, std: self.std }
     }
 
     /// Token embeddings.
+    #[doc(hidden)]
     #[must_use]
     pub const fn codebooks(&self) -> &Codebooks<'a> {
         &self.codebooks
     }
 
     /// Largest magnitude of an embedding that the decoder is guaranteed to keep finite.
+    #[doc(hidden)]
     #[must_use]
     pub const fn embedding_limit(&self) -> f32 {
         EMBEDDING_MARGIN * self.codebooks.largest()
     }
 
     /// Token decoder.
+    #[doc(hidden)]
     #[must_use]
     pub const fn decoder(&self) -> &Decoder<'a> {
         &self.decoder
     }
 
     /// Text encoder and stored prompts.
+    #[doc(hidden)]
     #[must_use]
     pub const fn text(&self) -> Option<&Text<'a>> {
         self.text.as_ref()
     }
 
     /// Planner.
+    #[doc(hidden)]
     #[must_use]
     pub const fn planner(&self) -> Option<&Planner<'a>> {
         if cfg!(feature = "tmd") { self.planner.as_ref() } else { None }
     }
 
     /// Anchor control of the planner.
+    #[doc(hidden)]
     #[must_use]
     pub const fn control(&self) -> Option<&AnchorControl<'a>> {
         if cfg!(feature = "anchor-control") { self.control.as_ref() } else { None }
     }
 
+    /// Longest prompt that it plans tokens for, words; `None` when it plans none.
+    #[must_use]
+    pub fn max_words(&self) -> Option<usize> {
+        Some(self.planning()?.text.max_words())
+    }
+
+    /// Whether its text encoder knows `word`, in some form; `None` when it has none.
+    #[must_use]
+    pub fn knows(&self, word: &Word) -> Option<bool> {
+        let vocabulary = self.text()?.encoder()?.vocabulary();
+        Some(vocabulary.id(word) != UNKNOWN)
+    }
+
     /// What a planning session works with; `None` when the blob cannot make tokens.
+    #[doc(hidden)]
     #[must_use]
     pub fn planning(&self) -> Option<Modules<'_, 'a>> {
         let (text, planner) = (self.text()?, self.planner()?);

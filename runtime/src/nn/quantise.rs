@@ -46,7 +46,7 @@ pub struct Step {
     pub scale: f32,
 }
 
-/// The step of a row, to quantise it part by part with [`part`].
+/// The step of a row, to quantise it part by part with `part`.
 #[inline(never)]
 pub fn step(x: &[f32], limit: i16) -> Step {
     wide!(step_of(x, limit))

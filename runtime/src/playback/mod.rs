@@ -5,13 +5,13 @@
 //!            (thread: inverse kinematics)          (timer interrupt: interpolation, fades, limits)
 //! ```
 //!
-//! - [`robot`]: what the robot is, read from a packed `robot.toml`. Knows no motion.
-//! - [`body`]: how the body's segments are turned, from where its joints are. Knows no servos.
-//! - [`mapper`]: servo angles from that, and back.
-//! - [`queue`]: the lock-free queue between whoever makes motions and the interrupt that plays them.
-//! - [`player`]: a tick of the servos, at a fixed cost; [`control`] is how it is ordered about and what it counts.
-//! - [`start`]: how the robot gets from power coming up to its first motion.
-//! - [`interpolate`], [`limiter`]: its numerics, an angle each.
+//! - `robot`: what the robot is, read from a packed `robot.toml`. Knows no motion.
+//! - `body`: how the body's segments are turned, from where its joints are. Knows no servos.
+//! - `mapper`: servo angles from that, and back.
+//! - `queue`: the lock-free queue between whoever makes motions and the interrupt that plays them.
+//! - `player`: a tick of the servos, at a fixed cost; `control` is how it is ordered about and what it counts.
+//! - `start`: how the robot gets from power coming up to its first motion.
+//! - `interpolate`, `limiter`: its numerics, an angle each.
 //! - [`output`]: commands onto pins and buses; the only part that knows hardware.
 //!
 //! ```
@@ -30,15 +30,24 @@
 //! A player takes its robot to stand at neutral. Only an [`output::Runner`] makes sure of it: it finds the servos before it moves them.
 //! Whoever gives servos their commands without one says where they really stand, with [`Player::stand_at`].
 
+#[doc(hidden)]
 pub mod body;
+#[doc(hidden)]
 pub mod control;
+#[doc(hidden)]
 pub mod interpolate;
+#[doc(hidden)]
 pub mod limiter;
+#[doc(hidden)]
 pub mod mapper;
 pub mod output;
+#[doc(hidden)]
 pub mod player;
+#[doc(hidden)]
 pub mod queue;
+#[doc(hidden)]
 pub mod robot;
+#[doc(hidden)]
 pub mod start;
 
 pub use control::{Control, State, Status};

@@ -92,7 +92,7 @@ impl Iterator for Words<'_> {
     }
 }
 
-/// Words by id: `\n` between them, [`NONE`] and [`UNKNOWN`] first.
+/// Words by id: `\n` between them, [`UNCONDITIONAL`] and [`UNKNOWN`] first.
 #[derive(Debug, Clone, Copy)]
 pub struct Vocabulary<'a> {
     words: &'a str,

@@ -1,4 +1,4 @@
-//! Decoding a motion in segments, with the bits of [`Decoder::forward`] over the whole of it. The output lags by
+//! Decoding a motion in segments, with the bits of `Decoder::forward` over the whole of it. The output lags by
 //! [`Decoder::radius_frames`].
 
 use super::chain::Chain;

@@ -33,7 +33,7 @@ pub use crate::conditioning::anchor_kv::AnchorControl;
 pub use length::Length;
 pub use request::{Fixed, Planning, PlanningError};
 pub use sampler::{Sampler, TokenSampler};
-pub use sampling::Sampling;
+pub use sampling::{Sampling, SamplingError};
 pub use schedule::Schedule;
 pub use session::{PlanningBytes, PlanningLimits, Session};
 pub use transformer::Planner;

@@ -4,8 +4,8 @@ use core::{hint::black_box, ops::ControlFlow};
 
 use motionette::ROWS;
 use motionette::{
-    Anchor, AnchorList, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, Progress, Prompt, Request,
-    Sampling, Source, Stop, StreamError, StreamLimits, StreamPlan, generation::tokens as planning, refining::Config,
+    Anchor, AnchorList, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, PlanningLimits, Progress,
+    Prompt, Request, Sampling, Source, Stop, StreamError, StreamLimits, StreamPlan, refining::Config,
 };
 
 /// An observer whose answer the optimiser cannot know.
@@ -45,7 +45,7 @@ pub fn serve(
 ) -> Result<u64, Refused> {
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
-    let planning = black_box(Some(planning::PlanningLimits { words: text.len(), steps: 10, guided: true, anchors: true }));
+    let planning = black_box(Some(PlanningLimits { words: text.len(), steps: 10, guided: true, anchors: true }));
     let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning, rows: ROWS };
     let _ = black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
