@@ -97,9 +97,10 @@ impl Source {
             import::bvh::load(path, &self.recording.reading()?)?;
         say(&format!("{}: joints by the mapping {mapping}", path.display()));
         notes.iter().for_each(|note| say(&format!("note: {note}")));
-        let anchors = self.args.anchors()?;
+        let frame_rate = FPS as u16;
+        let anchors = self.args.anchors(frame_rate)?;
         anchors_file::check(&anchors, frames.len()).context("checking the anchors")?;
-        Ok(Moved { frames, frame_rate: FPS as u16, anchors })
+        Ok(Moved { frames, frame_rate, anchors })
     }
 }
 

@@ -114,14 +114,14 @@ impl GenerateArgs {
         let blob = BlobFile::open(self.blob.as_deref().context("a motion from text needs a model: give --blob")?)?;
         let model = blob.model()?;
         let length = self.length(&model)?;
-        let anchors = self.anchors()?;
+        let anchors = self.anchors(model.frame_rate())?;
         let frames = match length {
             Length::Frames(frames) => usize::from(frames).next_multiple_of(model.frames_per_token()),
             // As long as the anchors need it.
             _ => model.max_tokens() * model.frames_per_token(),
         };
-        anchors_file::check(&anchors, frames).context("checking the anchors")?;
-        warn_of_far(&anchors);
+        anchors_file::check_at(&anchors, frames, model.frame_rate()).context("checking the anchors")?;
+        warn_of_far(&anchors, model.frame_rate());
         let anchors = anchors_file::distinct(&anchors);
         let request = self.request(length, &anchors);
 
@@ -155,9 +155,10 @@ impl GenerateArgs {
         })
     }
 
-    /// The anchors that the motion is to pass through.
-    pub fn anchors(&self) -> Result<Vec<Anchor>> {
-        let anchors = self.anchors.as_deref().map(anchors_file::read).transpose().context("reading the anchors")?;
+    /// The anchors that the motion, of `frame_rate` frames a second, is to pass through.
+    pub fn anchors(&self, frame_rate: u16) -> Result<Vec<Anchor>> {
+        let read = |path| anchors_file::read(path, frame_rate);
+        let anchors = self.anchors.as_deref().map(read).transpose().context("reading the anchors")?;
         Ok(anchors.unwrap_or_default())
     }
 
@@ -237,8 +238,8 @@ impl GenerateArgs {
 }
 
 /// Says which anchors no body can reach in the time: a slip, most of the time.
-pub(super) fn warn_of_far(anchors: &[Anchor]) {
-    for far in anchors_file::out_of_reach(anchors) {
+pub(super) fn warn_of_far(anchors: &[Anchor], frame_rate: u16) {
+    for far in anchors_file::out_of_reach(anchors, frame_rate) {
         say(&format!("warning: {far}"));
     }
 }

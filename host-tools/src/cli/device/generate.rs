@@ -127,10 +127,11 @@ impl Cmd {
                 Length::Frames(frames as u16)
             }
         };
-        let anchors = self.anchors.as_deref().map(anchors_file::read).transpose().context("reading the anchors")?;
-        let anchors = anchors.unwrap_or_default();
+        let read = |path| anchors_file::read(path, model.frame_rate);
+        let anchors = self.anchors.as_deref().map(read).transpose().context("reading the anchors")?.unwrap_or_default();
         // How long the motion becomes is known to the device alone; it is no longer than this.
-        anchors_file::check(&anchors, usize::from(model.frames)).context("checking the anchors")?;
+        anchors_file::check_at(&anchors, usize::from(model.frames), model.frame_rate)
+            .context("checking the anchors")?;
         let count = anchors.len();
         let mut wire = heapless::Vec::new();
         for anchor in anchors {
