@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Context;
+use motionette_host::console::say;
 use serde_json::{Value, json};
 
 use super::progress::Progress;
@@ -60,7 +61,7 @@ impl<T: Training> Run<T> {
         progress.finish();
         let steps = self.state.step;
         let evaluation = self.keep(options, true)?.ok_or(Error::TooShort { steps })?;
-        println!("{evaluation}");
+        say(&evaluation.to_string());
         Ok(evaluation)
     }
 
