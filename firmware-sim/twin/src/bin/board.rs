@@ -8,6 +8,7 @@ use clap::Parser;
 use motionette::codec::vq::decoder::ChunkShape;
 use motionette::{Generator, Request};
 use motionette_host::blob::BlobFile;
+use motionette_host::console::{self, say};
 use motionette_link::Preset;
 use motionette_link::update::Layout;
 use motionette_sim::report::INSTRUCTIONS_PER_MAC;
@@ -47,13 +48,7 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    match run(&Cli::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    console::conclude(run(&Cli::parse()))
 }
 
 fn run(cli: &Cli) -> Result<()> {
@@ -82,27 +77,27 @@ fn run(cli: &Cli) -> Result<()> {
     let fetched = plan.planning_macs as f64 / each(1 + tokens, preset.rows) + decoder as f64 / each(tokens, chunk);
     let seconds = instructions * CYCLES / CLOCK + fetched / FLASH_BANDWIDTH;
     let motion = f64::from(preset.frames) / f64::from(model.frame_rate());
-    println!(
+    say(&format!(
         "flash                {flash} of {FLASH} bytes, and two slots of {} bytes for blobs",
         Layout::PICO2.length
-    );
-    println!("RAM                  {ram} of {RAM} bytes, {} left for the stack", RAM.saturating_sub(ram));
-    println!(
+    ));
+    say(&format!("RAM                  {ram} of {RAM} bytes, {} left for the stack", RAM.saturating_sub(ram)));
+    say(&format!(
         "preset               {motion} s of motion, {} planner steps, {} decoder evaluations",
         preset.steps, preset.evaluations
-    );
-    println!(
+    ));
+    say(&format!(
         "a motion             about {seconds:.1} s at 150 MHz: {:.0} M instructions of {CYCLES} cycles (assumed), {:.0} MB of weights \
          through serial flash",
         instructions / 1e6,
         fetched / 1e6
-    );
+    ));
     if let (Some(check), Some(gate)) = (&cli.check, &cli.gate) {
         let bytes = |path: &PathBuf| -> Result<u64> {
             image::text_bytes(&std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?)
         };
         let (without, with) = (bytes(check)?, bytes(gate)?);
-        println!("runtime code, M4F    {without} of {CODE} bytes, {with} of {CODE_WITH_PLAYBACK} with playback");
+        say(&format!("runtime code, M4F    {without} of {CODE} bytes, {with} of {CODE_WITH_PLAYBACK} with playback"));
         ensure!(without <= CODE, "the runtime's code has {without} bytes, {CODE} are its budget");
         ensure!(
             with <= CODE_WITH_PLAYBACK,
@@ -114,7 +109,7 @@ fn run(cli: &Cli) -> Result<()> {
             "flash_bytes": flash, "flash_limit": FLASH, "ram_bytes": ram, "ram_limit": RAM, "stack_left": RAM.saturating_sub(ram),
             "motion_seconds": motion, "estimated_seconds": seconds, "instructions": instructions, "arena_bytes": plan.arena_bytes,
         });
-        println!("{object}");
+        say(&object.to_string());
     }
     ensure!(flash <= FLASH, "the firmware does not fit: {flash} bytes of flash, {FLASH} are there");
     ensure!(ram + STACK <= RAM, "too little is left for the stack: {ram} bytes of RAM are taken, {RAM} are there");
