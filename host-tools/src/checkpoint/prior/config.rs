@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::checkpoint::error::{ErrorKind, Result};
 
 /// Word of the unconditional prompt, id 0.
-pub const NONE: &str = "<none>";
+pub const UNCONDITIONAL: &str = "<none>";
 /// Word that stands for every word outside the vocabulary, id 1.
 pub const UNKNOWN: &str = "<unknown>";
 /// Rows of the table of times.
@@ -103,7 +103,7 @@ pub(in crate::checkpoint) fn check_positive(key: &str, value: f64) -> Result<()>
 /// Sizes and provenance of a prior (text encoder and planner).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PriorConfig {
-    /// Words in the order of their ids, [`NONE`] and [`UNKNOWN`] first.
+    /// Words in the order of their ids, [`UNCONDITIONAL`] and [`UNKNOWN`] first.
     pub vocabulary: Vec<String>,
     /// Longest prompt, words.
     pub max_words: usize,
@@ -189,13 +189,13 @@ impl PriorConfig {
             |value: String, expected: String| Err(ErrorKind::Option { key: "vocabulary".into(), value, expected });
         let words = &self.vocabulary;
         if words.len() > MAX_ROWS
-            || words.first().map(String::as_str) != Some(NONE)
+            || words.first().map(String::as_str) != Some(UNCONDITIONAL)
             || words.get(1).map(String::as_str) != Some(UNKNOWN)
         {
             let start = words.iter().take(2).cloned().collect::<Vec<_>>().join(", ");
             return refuse(
                 format!("{} words that begin with {start:?}", words.len()),
-                format!("{NONE}, {UNKNOWN}, then at most {} others", MAX_ROWS - 2),
+                format!("{UNCONDITIONAL}, {UNKNOWN}, then at most {} others", MAX_ROWS - 2),
             );
         }
         let mut seen = std::collections::HashSet::new();
