@@ -164,15 +164,8 @@ impl GenerateArgs {
 
     fn length(&self, model: &Model<'_>) -> Result<Length> {
         let Some(seconds) = self.seconds else { return Ok(Length::Predicted) };
-        let rate = f64::from(model.frame_rate());
-        let longest = (model.max_tokens() * model.frames_per_token()) as f64 / rate;
-        // A hair of room for seconds that are no binary fraction.
-        let frames = (seconds * rate - 1e-6).ceil();
-        ensure!(
-            seconds.is_finite() && frames >= 1.0 && seconds <= longest + 1e-6,
-            "a motion of {seconds} s cannot be made, this model makes up to {longest} s; give --seconds in between"
-        );
-        Ok(Length::Frames(frames as u16))
+        let most = model.max_tokens() * model.frames_per_token();
+        Ok(Length::Frames(frames_of(seconds, model.frame_rate(), most, "model")?))
     }
 
     fn request<'r>(&'r self, length: Length, anchors: &'r [Anchor]) -> Request<'r> {
@@ -235,6 +228,19 @@ impl GenerateArgs {
         let unknown = Words::new(text).filter(|word| encoder.vocabulary().id(word) == UNKNOWN);
         unknown.map(|word| word.as_str().to_owned()).collect()
     }
+}
+
+/// Frames of a motion of `--seconds`. The `maker`, a model or a device, makes `frame_rate` a second and `most` in all.
+pub(super) fn frames_of(seconds: f64, frame_rate: u16, most: usize, maker: &str) -> Result<u16> {
+    let rate = f64::from(frame_rate);
+    let longest = most as f64 / rate;
+    // A little more is allowed for seconds that are no binary fraction.
+    let frames = (seconds * rate - 1e-6).ceil();
+    ensure!(
+        seconds.is_finite() && frames >= 1.0 && seconds <= longest + 1e-6,
+        "a motion of {seconds} s cannot be made, this {maker} makes up to {longest} s; give --seconds in between"
+    );
+    Ok(frames as u16)
 }
 
 /// Says which anchors no body can reach in the time: a slip, most of the time.

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::checkpoint::config::parse;
 use crate::checkpoint::error::{ErrorKind, Result};
 
 /// Word of the unconditional prompt, id 0.
@@ -152,11 +153,7 @@ impl PriorConfig {
     /// # Errors
     /// [`ErrorKind::Option`] when the JSON is broken or a value is out of range.
     pub fn from_json(text: &str) -> Result<Self> {
-        let config: Self = serde_json::from_str(text).map_err(|e| ErrorKind::Option {
-            key: "config".into(),
-            value: e.to_string(),
-            expected: "the JSON object that motionette-train writes".into(),
-        })?;
+        let config: Self = parse(text)?;
         config.check()?;
         Ok(config)
     }
