@@ -292,11 +292,11 @@ impl Cmd {
             (None, Some(path), _) => {
                 source::recording(path, &self.recording.reading()?, checkpoint, model.max_tokens())?
             }
-            (None, None, Some(name)) => source::bundled(Some(name))?,
+            (None, None, Some(name)) => source::bundled(Some(name), model.frame_rate())?,
             (None, None, None) => source::default_job(model.frame_rate())?,
         };
         if let Some(path) = &self.anchors {
-            source.anchors = anchors_file::read(path)?;
+            source.anchors = anchors_file::read(path, model.frame_rate())?;
             let numbers = model.codebooks().quantizers().max(1);
             let tokens = match (&source.content, self.seconds) {
                 (Content::Tokens(tokens), _) => tokens.len() / numbers,
@@ -304,9 +304,9 @@ impl Cmd {
                 (Content::Prompt(_), None) => model.max_tokens(),
                 (Content::Prompt(_), Some(s)) => self.frames(s, model).div_ceil(model.frames_per_token().max(1)),
             };
-            anchors_file::check(&source.anchors, tokens * model.frames_per_token())
+            anchors_file::check_at(&source.anchors, tokens * model.frames_per_token(), model.frame_rate())
                 .with_context(|| format!("{}", path.display()))?;
-            let far = anchors_file::out_of_reach(&source.anchors);
+            let far = anchors_file::out_of_reach(&source.anchors, model.frame_rate());
             source.notes.extend(far.iter().map(|far| format!("warning: {far}")));
             source.anchors = anchors_file::distinct(&source.anchors);
         }

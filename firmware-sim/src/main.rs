@@ -38,13 +38,7 @@ fn main() -> ExitCode {
         Some(Command::SampleClips(cmd)) => cmd.run(),
         None => cli.demo.run(),
     };
-    match result.and_then(|()| Ok(console::finish()?)) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            console::complain(&error, None);
-            ExitCode::FAILURE
-        }
-    }
+    console::conclude(result)
 }
 
 #[cfg(test)]

@@ -34,12 +34,12 @@ pub struct Clip {
 }
 
 impl Clip {
-    /// The anchors.
+    /// The anchors in a motion of `frame_rate` frames a second.
     ///
     /// # Errors
     /// When they cannot be read.
-    pub fn anchors(&self) -> anyhow::Result<Vec<Anchor>> {
-        anchors_file::parse(&self.anchors.to_string())
+    pub fn anchors(&self, frame_rate: u16) -> anyhow::Result<Vec<Anchor>> {
+        anchors_file::parse(&self.anchors.to_string(), frame_rate)
             .with_context(|| format!("anchors of the bundled clip {}", self.id))
     }
 }

@@ -65,18 +65,18 @@ pub fn default_job(frame_rate: u16) -> anyhow::Result<Source> {
     Ok(Source { anchors: anchors.by_frame(frame_rate)?.to_vec(), ..prompt(DEFAULT_PROMPT) })
 }
 
-/// A bundled clip.
+/// A bundled clip for a model of `frame_rate` frames a second.
 ///
 /// # Errors
 /// When there is none of that name.
-pub fn bundled(id: Option<&str>) -> anyhow::Result<Source> {
+pub fn bundled(id: Option<&str>, frame_rate: u16) -> anyhow::Result<Source> {
     let samples = SampleClips::built_in()?;
     let clip = samples.clip(id)?;
     Ok(Source {
         name: clip.id.clone(),
         caption: clip.caption.clone(),
         content: Content::Tokens(clip.tokens.clone()),
-        anchors: clip.anchors()?,
+        anchors: clip.anchors(frame_rate)?,
         recorded: None,
         notes: Vec::new(),
     })

@@ -36,7 +36,7 @@ fn path(folder: &tempfile::TempDir, name: &str) -> String {
 fn built_in_control() -> bool {
     let blob =
         BlobFile::new(AlignedBlob::new(default_model::BLOB), Path::new("(built in)")).expect("the built-in model");
-    blob.parts().expect("its manifest").1.generator.control().is_some()
+    blob.parts().expect("its manifest").manifest.generator.control().is_some()
 }
 
 /// One run of the default job, in a folder that lives as long as the result.

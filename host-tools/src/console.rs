@@ -1,6 +1,7 @@
-//! What a program of this project says: results on standard output, complaints on standard error.
+//! What a program of this project says: results on standard output, progress and complaints on standard error.
 
 use std::io::{self, ErrorKind, Write};
+use std::process::ExitCode;
 use std::sync::{Mutex, PoisonError};
 
 /// Standard output took not everything.
@@ -30,6 +31,23 @@ fn note(result: io::Result<()>) {
         && error.kind() != ErrorKind::BrokenPipe
     {
         FAILED.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+    }
+}
+
+/// A line on standard error: what is under way. A run does not end because nobody can read it.
+pub fn remark(line: &str) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// Ends a program: [`finish`]es, [`complain`]s when that or the program's own work failed, and gives the status to exit with.
+#[must_use]
+pub fn conclude(result: anyhow::Result<()>) -> ExitCode {
+    match result.and_then(|()| Ok(finish()?)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            complain(&error, None);
+            ExitCode::FAILURE
+        }
     }
 }
 

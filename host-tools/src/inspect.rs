@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::blob::{BlobFile, Error, QuantisedConv1d};
+use crate::blob::{BlobFile, Error, Parts, QuantisedConv1d};
 use crate::checkpoint::anchors::Family;
 use crate::checkpoint::prior::Part;
 use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerCheckpoint};
@@ -156,7 +156,7 @@ pub fn inspect(
     prior: Option<&PriorCheckpoint>,
     control: Option<&ControlCheckpoint>,
 ) -> Result<Inspection, Error> {
-    let (header, manifest, _) = blob.parts()?;
+    let Parts { header, manifest, .. } = blob.parts()?;
     let tensors = blob
         .table()?
         .into_iter()

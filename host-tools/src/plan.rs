@@ -257,7 +257,7 @@ fn stream(model: &Model<'_>, limits: &StreamLimits) -> Result<Stream, Error> {
 }
 
 fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
-    let (header, _, _) = blob.parts()?;
+    let header = blob.parts()?.header;
     let names = [
         "header",
         "manifest",
@@ -301,7 +301,7 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
 
 /// Multiply-accumulates of a forward pass by stage of the decoder ("decoder.model.2", ...).
 fn stages(blob: &BlobFile, tokens: usize) -> Result<Vec<Share>, Error> {
-    let (_, manifest, _) = blob.parts()?;
+    let manifest = blob.parts()?.manifest;
     let d = manifest.codec.decoder();
     let rows = rows_of_layers(tokens, usize::from(d.stages), d.dilations.len());
     let mut shares: Vec<Share> = Vec::new();

@@ -5,9 +5,12 @@ mod common;
 
 use std::collections::HashMap;
 
-use common::checkpoints::{bytes, control, control_config, control_metadata, prior_checkpoint, tokenizer_checkpoint};
+use common::checkpoints::{
+    bytes, control, control_config, control_metadata, names_every_damaged_tensor, names_other_metadata,
+    prior_checkpoint, tokenizer_checkpoint,
+};
 use motionette_host::checkpoint::prior::{Part, weights_hash};
-use motionette_host::checkpoint::{ControlCheckpoint, ErrorKind, Tensor, TensorMap, control as checkpoint};
+use motionette_host::checkpoint::{ControlCheckpoint, ErrorKind, TensorMap, control as checkpoint};
 use motionette_host::reference::anchors::Family;
 use sha2::{Digest, Sha256};
 
@@ -57,29 +60,7 @@ fn the_whole_one_is_read_back_as_it_was() {
 
 #[test]
 fn every_missing_misshapen_or_infinite_tensor_is_named() {
-    let map = control(4, true);
-    for (i, name) in map.names().enumerate() {
-        let mut partial = TensorMap::default();
-        map.iter().filter(|(n, _)| *n != name).for_each(|(n, t)| partial.insert(n, t.clone()));
-        let kind = refused(&partial, good());
-        assert!(matches!(&kind, ErrorKind::MissingTensor { tensor, .. } if tensor == name), "{name}: {kind}");
-
-        let mut shape = map.find(name).expect(name).shape.clone();
-        let turned = i % shape.len();
-        shape[turned] += 1;
-        let mut wrong = map.clone();
-        wrong.insert(name, Tensor { shape: shape.clone(), data: vec![0.25; shape.iter().product()] });
-        let kind = refused(&wrong, good());
-        let ErrorKind::Shape { tensor, actual, .. } = &kind else { panic!("{name}: {kind}") };
-        assert_eq!((tensor.as_str(), actual), (name, &shape));
-
-        let mut wrong = map.clone();
-        let mut tensor = map.find(name).expect(name).clone();
-        tensor.data[2] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][i % 3];
-        wrong.insert(name, tensor);
-        let kind = refused(&wrong, good());
-        assert!(matches!(&kind, ErrorKind::NotFinite { tensor, index: 2, .. } if tensor == name), "{name}: {kind}");
-    }
+    names_every_damaged_tensor(&control(4, true), |map| refused(map, good()));
 }
 
 #[test]
@@ -98,15 +79,7 @@ fn deviations_are_positive() {
 #[test]
 fn other_formats_versions_and_configurations() {
     let map = control(4, true);
-    for (key, value) in [("format", "motionette-prior"), ("version", "2")] {
-        let mut metadata = good();
-        metadata.insert(key.to_owned(), value.to_owned());
-        let kind = refused(&map, metadata);
-        assert!(matches!(&kind, ErrorKind::Version { key: k, actual, .. } if *k == key && actual == value), "{kind}");
-    }
-    let mut metadata = good();
-    metadata.remove("config");
-    assert!(matches!(refused(&map, metadata), ErrorKind::MissingOption { .. }));
+    names_other_metadata(&good(), "motionette-prior", |metadata| refused(&map, metadata));
 
     let config = control_config(3, "pre", "gelu", true, ALL);
     for (from, to, words) in [

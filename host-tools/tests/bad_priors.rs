@@ -4,8 +4,10 @@ mod common;
 
 use std::collections::HashMap;
 
-use common::checkpoints::{bytes, prior, prior_config, prior_metadata, tokenizer_checkpoint};
-use motionette_host::checkpoint::{ErrorKind, Tensor, TensorMap, prior as checkpoint};
+use common::checkpoints::{
+    bytes, names_every_damaged_tensor, names_other_metadata, prior, prior_config, prior_metadata, tokenizer_checkpoint,
+};
+use motionette_host::checkpoint::{ErrorKind, TensorMap, prior as checkpoint};
 
 fn read(map: &TensorMap, metadata: HashMap<String, String>) -> Result<checkpoint::PriorCheckpoint, ErrorKind> {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -51,43 +53,13 @@ fn the_whole_one_is_read_back_as_it_was() {
 
 #[test]
 fn every_missing_misshapen_or_infinite_tensor_is_named() {
-    let map = prior(3);
-    for (i, name) in map.names().enumerate() {
-        let mut partial = TensorMap::default();
-        map.iter().filter(|(n, _)| *n != name).for_each(|(n, t)| partial.insert(n, t.clone()));
-        let kind = refused(&partial, good());
-        assert!(matches!(&kind, ErrorKind::MissingTensor { tensor, .. } if tensor == name), "{name}: {kind}");
-
-        let mut shape = map.find(name).expect(name).shape.clone();
-        let turned = i % shape.len();
-        shape[turned] += 1;
-        let mut wrong = map.clone();
-        wrong.insert(name, Tensor { shape: shape.clone(), data: vec![0.25; shape.iter().product()] });
-        let kind = refused(&wrong, good());
-        let ErrorKind::Shape { tensor, actual, .. } = &kind else { panic!("{name}: {kind}") };
-        assert_eq!((tensor.as_str(), actual), (name, &shape));
-
-        let mut wrong = map.clone();
-        let mut tensor = map.find(name).expect(name).clone();
-        tensor.data[3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][i % 3];
-        wrong.insert(name, tensor);
-        let kind = refused(&wrong, good());
-        assert!(matches!(&kind, ErrorKind::NotFinite { tensor, index: 3, .. } if tensor == name), "{name}: {kind}");
-    }
+    names_every_damaged_tensor(&prior(3), |map| refused(map, good()));
 }
 
 #[test]
 fn other_formats_versions_and_configurations() {
     let map = prior(3);
-    for (key, value) in [("format", "motionette-tokenizer"), ("version", "2")] {
-        let mut metadata = good();
-        metadata.insert(key.to_owned(), value.to_owned());
-        let kind = refused(&map, metadata);
-        assert!(matches!(&kind, ErrorKind::Version { key: k, actual, .. } if *k == key && actual == value), "{kind}");
-    }
-    let mut metadata = good();
-    metadata.remove("config");
-    assert!(matches!(refused(&map, metadata), ErrorKind::MissingOption { .. }));
+    names_other_metadata(&good(), "motionette-tokenizer", |metadata| refused(&map, metadata));
 
     let config = prior_config("pre", "gelu");
     for (from, to, words) in [

@@ -274,6 +274,27 @@ fn many_equal_anchors_are_one_and_many_others_too_many() {
 }
 
 #[test]
+fn seconds_of_anchors_are_frames_of_the_model() {
+    let bench = Bench::new();
+    let config = checkpoints::TOKENIZER.replace("\"fps\": 20", "\"fps\": 30");
+    let mut tokenizer = checkpoints::tokenizer();
+    let std = motionette_host::checkpoint::Tensor { shape: vec![263], data: vec![0.05; 263] };
+    tokenizer.insert("std", std);
+    let bytes = checkpoints::bytes(&tokenizer, checkpoints::tokenizer_metadata(&config));
+    bench.write("thirty.safetensors", &bytes);
+    bench.succeeds("convert thirty.safetensors --prior p.prior.safetensors -o thirty.blob");
+    let make = |when: &str| {
+        let anchors = format!("{{\"anchors\": [{{{when}, \"planar_root\": [0.1, 0.2]}}]}}");
+        bench.write("when.json", anchors.as_bytes());
+        ["generate", "--blob", "thirty.blob", "--text", "person", "--seconds", "1", "--anchors", "when.json", "-o"]
+    };
+    let hash = |when: &str| bench.makes(&[&make(when)[..], &["m.bvh"]].concat())["hash"].clone();
+    assert_eq!(hash("\"time\": 0.9"), hash("\"frame\": 27"));
+    assert_ne!(hash("\"time\": 0.9"), hash("\"frame\": 18"));
+    bench.fails(&[&make("\"time\": 1.1")[..], &["x"]].concat(), &["frame 33 (1.10 s)", "32 frames (1.07 s)"]);
+}
+
+#[test]
 fn verify_compares_the_planners_with_anchors() {
     let bench = bench();
     bench.dataset();

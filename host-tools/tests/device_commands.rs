@@ -12,8 +12,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use motionette_link::message::LossAction;
-use motionette_link::message::{Start, State};
+use motionette_link::message::{BlobFault, Feature, LossAction, Start, State, UpdateFault};
 use motionette_link::server::{Port, Server, Silence};
 use motionette_link::update::Store;
 use robot::{Line, Robot};
@@ -35,9 +34,14 @@ impl Drop for Served {
 impl Served {
     /// Behind TCP, one host after the other.
     fn on_tcp() -> Self {
+        Self::start_with(Robot::default())
+    }
+
+    /// The same with this robot.
+    fn start_with(robot: Robot) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = format!("tcp:{}", listener.local_addr().unwrap());
-        Self::start(port, move |serve, end| {
+        Self::start(robot, port, move |serve, end| {
             while let Ok((mut stream, _)) = listener.accept() {
                 stream.set_read_timeout(Some(Duration::from_millis(2))).unwrap();
                 serve(&mut stream);
@@ -57,7 +61,7 @@ impl Served {
         // Another process is to open it; until then, reading fails.
         drop(slave);
         master.set_timeout(Duration::from_millis(2)).unwrap();
-        Self::start(port, move |serve, end| {
+        Self::start(Robot::default(), port, move |serve, end| {
             while !end.load(Ordering::Relaxed) {
                 serve(&mut master);
                 thread::sleep(Duration::from_millis(1));
@@ -65,11 +69,15 @@ impl Served {
         })
     }
 
-    fn start<S>(port: String, serve: impl FnOnce(&mut dyn FnMut(&mut S), &AtomicBool) + Send + 'static) -> Self
+    fn start<S>(
+        robot: Robot,
+        port: String,
+        serve: impl FnOnce(&mut dyn FnMut(&mut S), &AtomicBool) + Send + 'static,
+    ) -> Self
     where
         S: Read + Write,
     {
-        let robot = Arc::new(Mutex::new(Robot::default()));
+        let robot = Arc::new(Mutex::new(robot));
         let end = Arc::new(AtomicBool::new(false));
         let (for_thread, ended) = (Arc::clone(&robot), Arc::clone(&end));
         thread::spawn(move || {
@@ -194,6 +202,30 @@ fn everything_over_tcp() {
 #[test]
 fn everything_over_a_serial_port() {
     a_session(&Served::on_serial());
+}
+
+/// Blobs that are whole, and that this firmware cannot run: what it lacks is said, before an update and after one.
+#[test]
+fn a_blob_that_needs_other_firmware() {
+    let feature = BlobFault::NotLinked { feature: Feature::new("later-family") };
+    let later = BlobFault::Unknown { major: 4, minor: 77 };
+    let cures =
+        [(feature, &["`later-family`", "hint: ", "Cargo.toml"][..]), (later, &["format 4.77", "hint: ", "update"])];
+    for (fault, words) in cures {
+        let served = Served::on_tcp();
+        let blob = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/corpus/planner.blob");
+        served.succeeds(&["send-blob", blob]);
+        served.robot.lock().unwrap().flash.fault = Some(UpdateFault::Model(fault));
+        let other = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/corpus/anchors.blob");
+        served.fails(&["send-blob", other], &[words, &["the blob that was active stays so"]].concat());
+
+        // The firmware was changed, and the blob stayed.
+        let Served { robot, .. } = &served;
+        let again = Served::start_with(std::mem::take(&mut *robot.lock().unwrap()));
+        again.robot.lock().unwrap().model = false;
+        assert!(again.succeeds(&["hello"])["refused"]["why"].as_str().is_some_and(|why| why.contains(words[0])));
+        again.fails(&["generate", "--text", "a bow"], &[words, &["send-blob"]].concat());
+    }
 }
 
 /// A host that has said hello and is gone without a word.

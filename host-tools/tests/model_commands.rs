@@ -155,7 +155,7 @@ fn a_missed_budget_is_a_failure_with_figures() {
     // Another model of the same sizes: the same checkpoint with one weight changed a lot.
     let mut file = bytes(&bench.path("a.blob"));
     let blob = motionette_host::blob::BlobFile::open(&bench.path("a.blob")).expect("a good blob");
-    let (header, _, _) = blob.parts().expect("checked");
+    let header = blob.parts().expect("checked").header;
     let bias = blob.table().expect("checked").into_iter().find(|t| t.name == "decoder.model.6.bias").expect("a bias");
     let at = header.weights_offset as usize + bias.offset + 4;
     file[at..at + 4].copy_from_slice(&2.0_f32.to_le_bytes());

@@ -253,6 +253,26 @@ fn prompts_by_name_lengths_and_anchors() {
     bench.fails(&late, &["anchors", "20"]);
 }
 
+/// Its BVH file has rigid bones: what that costs is said as `export` says it.
+#[test]
+fn generate_says_what_rigid_bones_cost() {
+    let bench = Bench::new();
+    bench.convert();
+    let asked = ["--blob", "p.blob", "--text", "person walk", "--seed", "3", "-o", "m.bvh"];
+    let [generated, exported] = ["generate", "export"].map(|command| {
+        let output = bench.run(&[&[command][..], &asked].concat());
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let said =
+            text.lines().find(|line| line.starts_with("rigid bones leave the motion's joints by")).map(str::to_owned);
+        (said.unwrap_or_else(|| panic!("{command}: {text}")), report(&output))
+    });
+    assert_eq!(generated.0, exported.0);
+    for key in ["rigid_mean_cm", "rigid_largest_cm"] {
+        let [a, b] = [&generated, &exported].map(|made| made.1[key].as_f64().expect(key));
+        assert!(a > 0.0 && a == b, "{key}: {a} and {b}");
+    }
+}
+
 #[test]
 fn verify_compares_the_planners() {
     let bench = Bench::new();

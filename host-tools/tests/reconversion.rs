@@ -30,7 +30,7 @@ fn model(name: &str) -> PathBuf {
 /// SHA-256 of the weight section.
 fn weights(blob: &[u8]) -> String {
     let blob = BlobFile::new(AlignedBlob::new(blob), Path::new("nano.blob")).expect("a blob");
-    let (header, ..) = blob.parts().expect("a blob");
+    let header = blob.parts().expect("a blob").header;
     let section = &blob.bytes()[header.weights_offset as usize..header.total_len as usize];
     Sha256::digest(section).iter().map(|b| format!("{b:02x}")).collect()
 }

@@ -6,10 +6,10 @@ use common::{Random, Raw};
 use motionette::refining::Config;
 use motionette_link::frame::{Faults, Receiver, encode, frame_bytes};
 use motionette_link::message::{
-    ANCHORS, Anchor, Blob, BlobFault, CHUNK_BYTES, Command, Condition, Event, Failure, FlashFault, Generate, Header,
-    Hello, Length, Limits, LossAction, Measure, ModelInfo, NAME_BYTES, Owner, PHRASE_BYTES, REPLY_BYTES, REPLY_FRAME,
-    REQUEST_BYTES, REQUEST_FRAME, Refinement, Refusal, RefusedBlob, Reply, Stage, Start, StartFault, State, Status,
-    Strain, TEXT_BYTES, Target, Transfer, Understood, UpdateFault, Work, name,
+    ANCHORS, Anchor, Blob, BlobFault, CHUNK_BYTES, Command, Condition, Event, FEATURE_BYTES, Failure, Feature,
+    FlashFault, Generate, Header, Hello, Length, Limits, LossAction, Measure, ModelInfo, NAME_BYTES, Owner,
+    PHRASE_BYTES, REPLY_BYTES, REPLY_FRAME, REQUEST_BYTES, REQUEST_FRAME, Refinement, Refusal, RefusedBlob, Reply,
+    Stage, Start, StartFault, State, Status, Strain, TEXT_BYTES, Target, Transfer, Understood, UpdateFault, Work, name,
 };
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -113,8 +113,10 @@ fn every_reply_there_and_back() {
         UpdateFault::Memory { needed: u32::MAX, available: u32::MAX },
         UpdateFault::Flash(FlashFault::ReadBack),
         UpdateFault::Layout,
+        UpdateFault::Model(BlobFault::Unknown { major: u16::MAX, minor: u16::MAX }),
+        UpdateFault::Model(BlobFault::NotLinked { feature: Feature::new(&"x".repeat(FEATURE_BYTES)) }),
     ];
-    let refused = Some(RefusedBlob { blob, why: updates[3] });
+    let refused = Some(RefusedBlob { blob, why: updates[9] });
     let faults = Faults { encoding: u32::MAX, too_long: u32::MAX, checksum: u32::MAX, unfit: u32::MAX };
     let out_of_range = StartFault::OutOfRange { decidegrees: i16::MIN };
     let device = Condition {
@@ -282,6 +284,37 @@ fn bytes_of_what_protocol_2_brought() {
     assert_eq!(refused(Refusal::Refinement { found: 200 }), [2, 16, 200]);
     let version = UpdateFault::Model(BlobFault::Version { found: 3, supported: 4 });
     assert_eq!(refused(Refusal::Unusable(version)), [2, 17, 4, 3, 3, 4]);
+    // Numbers of a blob's faults stay what they are: later ones go to the end.
+    let update = |fault| refused(Refusal::Update(UpdateFault::Model(fault)));
+    assert_eq!(update(BlobFault::Structure), [2, 12, 4, 7]);
+    assert_eq!(update(BlobFault::Unknown { major: 4, minor: 3 }), [2, 12, 4, 8, 4, 3]);
+    let feature = Feature::new("tmd");
+    assert_eq!(update(BlobFault::NotLinked { feature }), [2, 12, 4, 9, 3, b't', b'm', b'd']);
+}
+
+#[test]
+fn a_blob_that_needs_other_firmware_is_no_damaged_one() {
+    let of = |error: motionette::blob::Error| BlobFault::from(error);
+    assert_eq!(of(motionette::blob::Error::Manifest), BlobFault::Structure);
+    let unknown = motionette::blob::Error::Unknown { section: "codec", found: 1, known: 1, minor: 3 };
+    let (unknown, major) = (of(unknown), motionette::blob::MAJOR);
+    assert_eq!(unknown, BlobFault::Unknown { major, minor: 3 });
+    assert!(unknown.to_string().contains(&format!("firmware that reads format {major}.3")), "{unknown}");
+    let left_out = of(motionette::blob::Error::NotLinked { feature: "tmd" });
+    assert_eq!(left_out, BlobFault::NotLinked { feature: Feature::new("tmd") });
+    assert!(left_out.to_string().contains("`tmd`") && left_out.to_string().contains("cargo feature"), "{left_out}");
+}
+
+/// Names are cut between characters, and what comes over the line is a name or no message.
+#[test]
+fn names_of_features() {
+    let name = format!("{}\u{e4}b", "x".repeat(FEATURE_BYTES - 1));
+    assert_eq!(Feature::new(&name).as_str(), &name[..FEATURE_BYTES - 1]);
+    assert_eq!(Feature::new("").as_str(), "");
+    let read = |bytes: &[u8]| postcard::from_bytes::<Feature>(bytes).ok();
+    assert_eq!(read(&[2, b'o', b'k']), Some(Feature::new("ok")));
+    assert_eq!((read(&[1, 0xFF]), read(&[3, b'o', b'k'])), (None, None));
+    assert_eq!(read(&[&[FEATURE_BYTES as u8 + 1][..], &[b'x'; FEATURE_BYTES + 1]].concat()), None);
 }
 
 #[test]

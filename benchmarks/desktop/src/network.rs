@@ -6,7 +6,7 @@ use motionette::numerics::hash::Stream;
 use motionette_host::checkpoint::prior::{Embedding, PriorCheckpoint, TIMES};
 use motionette_host::checkpoint::{self, Conv1d, TokenizerCheckpoint};
 use motionette_host::reference::planner::Window;
-use motionette_host::reference::text::NONE;
+use motionette_host::reference::text::UNCONDITIONAL;
 use motionette_host::reference::transformer::Linear;
 use motionette_host::reference::{self, Prior};
 
@@ -101,12 +101,12 @@ impl PlannerCase {
         let tokens: Vec<u16> = (0..tokens).map(|_| stream.below(codes) as u16).collect();
         let reference = Prior::<f32>::new(prior, tokenizer);
         let words = reference.text.read(prompt)?.ids;
-        let (text, none) = (reference.text.encode(&words), reference.text.encode(&[NONE]));
+        let (text, unconditional) = (reference.text.encode(&words), reference.text.encode(&[UNCONDITIONAL]));
         let logits =
             reference.logits(&reference.guided(&words, guidance), &tokens, f64::from(TIME), Window::default().fixed);
-        let rows = [&text.pooled, &none.pooled].map(|pooled| rows(prior, pooled, &tokens));
+        let rows = [&text.pooled, &unconditional.pooled].map(|pooled| rows(prior, pooled, &tokens));
         let width = prior.config.planner.width;
-        Ok(Self { tokens, memories: [text.memory, none.memory], rows, width, logits })
+        Ok(Self { tokens, memories: [text.memory, unconditional.memory], rows, width, logits })
     }
 }
 

@@ -8,7 +8,6 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::Value;
 
 use super::Error;
-use crate::motion::FPS;
 
 /// Fields an anchor may have.
 pub(super) const FIELDS: [&str; 6] = ["time", "frame", "root", "planar_root", "joint", "position"];
@@ -40,12 +39,12 @@ impl<'de> Deserialize<'de> for Entry {
 }
 
 impl Entry {
-    /// The anchor, or what is wrong with the object.
-    pub(super) fn anchor(&self, index: usize) -> Result<Anchor, Error> {
+    /// The anchor in a motion of `frame_rate` frames a second, or what is wrong with the object.
+    pub(super) fn anchor(&self, index: usize, frame_rate: u16) -> Result<Anchor, Error> {
         let [time, frame, root, planar_root, joint, position] = self.fields(index)?;
         let frame = match (time, frame) {
-            (Some(time), None) => frame_at(index, time)?,
-            (None, Some(frame)) => frame_number(index, frame)?,
+            (Some(time), None) => frame_at(index, time, frame_rate)?,
+            (None, Some(frame)) => frame_number(index, frame, frame_rate)?,
             (Some(_), Some(_)) => return Err(Error::TwoTimes { index }),
             (None, None) => return Err(Error::NoTime { index }),
         };
@@ -96,23 +95,23 @@ fn wrong(index: usize, field: &'static str, expected: &'static str, found: &Valu
 }
 
 /// The frame nearest to a time in seconds.
-fn frame_at(index: usize, value: &Value) -> Result<u16, Error> {
+fn frame_at(index: usize, value: &Value, frame_rate: u16) -> Result<u16, Error> {
     let field = "time";
     let time = value.as_f64().ok_or_else(|| wrong(index, field, "a number of seconds", value))?;
     if time < 0.0 {
         return Err(Error::Negative { index, field, value: time });
     }
-    let frame = (time * FPS).round();
+    let frame = (time * f64::from(frame_rate)).round();
     if frame > f64::from(u16::MAX) {
-        return Err(Error::TooLate { index, field, value: time });
+        return Err(Error::TooLate { index, field, value: time, frame_rate });
     }
     Ok(frame as u16)
 }
 
-fn frame_number(index: usize, value: &Value) -> Result<u16, Error> {
+fn frame_number(index: usize, value: &Value, frame_rate: u16) -> Result<u16, Error> {
     let field = "frame";
     if let Some(frame) = value.as_u64() {
-        return u16::try_from(frame).map_err(|_| Error::TooLate { index, field, value: frame as f64 });
+        return u16::try_from(frame).map_err(|_| Error::TooLate { index, field, value: frame as f64, frame_rate });
     }
     match value.as_i64() {
         Some(frame) => Err(Error::Negative { index, field, value: frame as f64 }),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use motionette::Joint;
 use motionette::request::conditions::AnchorError;
 
-use crate::motion::{FPS, skeleton};
+use crate::motion::skeleton;
 use crate::output;
 
 /// What is wrong, where, and what to do. `index` counts anchors from 0.
@@ -136,7 +136,7 @@ pub enum Error {
         value: f64,
     },
     /// A time no motion reaches: beyond frame 65535.
-    #[error("anchor {index}: {field} {value} lies beyond any motion (frame {}, {} s)", u16::MAX, f64::from(u16::MAX) / FPS)]
+    #[error("anchor {index}: {field} {value} lies beyond any motion (frame {}, {} s)", u16::MAX, seconds(u16::MAX.into(), *frame_rate))]
     TooLate {
         /// The anchor.
         index: usize,
@@ -144,11 +144,13 @@ pub enum Error {
         field: &'static str,
         /// The number.
         value: f64,
+        /// Frames a second.
+        frame_rate: u16,
     },
     /// A frame the motion does not have.
     #[error(
         "anchor {index}: frame {frame} ({:.2} s) lies beyond the end: the motion has {frames} frames ({:.2} s)",
-        f64::from(*frame) / FPS, *frames as f64 / FPS
+        seconds((*frame).into(), *frame_rate), seconds(*frames, *frame_rate)
     )]
     BeyondEnd {
         /// The anchor.
@@ -157,11 +159,13 @@ pub enum Error {
         frame: u16,
         /// Frames of the motion.
         frames: usize,
+        /// Frames a second.
+        frame_rate: u16,
     },
     /// Two places for one joint at one frame.
     #[error(
         "anchors {first} and {second}: both say where {joint} is at frame {frame} ({:.2} s), and disagree; remove one",
-        f64::from(*frame) / FPS
+        seconds((*frame).into(), *frame_rate)
     )]
     Conflict {
         /// The earlier anchor in the list.
@@ -172,10 +176,17 @@ pub enum Error {
         joint: Joint,
         /// The frame.
         frame: u16,
+        /// Frames a second.
+        frame_rate: u16,
     },
     /// The runtime would refuse these anchors.
     #[error(transparent)]
     Refused(AnchorError),
+}
+
+/// How long so many frames take.
+fn seconds(frames: usize, frame_rate: u16) -> f64 {
+    frames as f64 / f64::from(frame_rate)
 }
 
 impl Error {

@@ -10,7 +10,7 @@
 //!
 //! | field | unit | meaning |
 //! |---|---|---|
-//! | `time` | s | when, from the start; taken to the nearest frame (20 a second). Exactly one of `time` and `frame` |
+//! | `time` | s | when, from the start; taken to the nearest frame of the model that is to make the motion. Exactly one of `time` and `frame` |
 //! | `frame` | - | when, as a frame number from 0 |
 //! | `root` | m | pelvis at `[x, y, z]` (Root-3D). Exactly one target: `root`, `planar_root`, or `joint` with `position` |
 //! | `planar_root` | m | pelvis at `[x, z]`, its height free (Planar-root) |
@@ -18,7 +18,7 @@
 //! | `position` | m | where that joint is, `[x, y, z]` |
 //!
 //! Coordinates are those of the motion: y up, the pelvis starts at x = z = 0 and faces +z, the subject's left is +x. Other fields
-//! are refused. [`parse`] knows nothing of the motion's length; [`check`] does. `docs/anchors.md` says the same to users.
+//! are refused. [`parse`] knows the model's frame rate and nothing of the motion's length; [`check_at`] knows both. `docs/anchors.md` says the same to users.
 
 mod entry;
 mod error;
@@ -34,7 +34,7 @@ use motionette::{Anchor, Joint, Target};
 use serde::Deserialize;
 
 use crate::input;
-use crate::motion::skeleton;
+use crate::motion::{FPS, skeleton};
 use crate::output;
 use entry::Entry;
 pub use error::Error;
@@ -46,22 +46,22 @@ struct File {
     anchors: Vec<Entry>,
 }
 
-/// Reads an anchors file.
+/// Reads an anchors file for a motion of `frame_rate` frames a second.
 ///
 /// # Errors
 /// [`Error::Read`] when the file cannot be read, else as [`parse`].
-pub fn read(path: &Path) -> Result<Vec<Anchor>, Error> {
+pub fn read(path: &Path, frame_rate: u16) -> Result<Vec<Anchor>, Error> {
     let text =
         input::read_text(path, input::WRITTEN).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
-    parse(&text)
+    parse(&text, frame_rate)
 }
 
-/// Parses the text of an anchors file. Anchors keep their order; an empty list is fine.
+/// Parses the text of an anchors file for a motion of `frame_rate` frames a second. Anchors keep their order; an empty list is fine.
 ///
 /// # Errors
 /// [`Error`], with line and column for text that is not JSON of this form and with the anchor's index (from 0) and field for content
 /// that makes no sense.
-pub fn parse(text: &str) -> Result<Vec<Anchor>, Error> {
+pub fn parse(text: &str, frame_rate: u16) -> Result<Vec<Anchor>, Error> {
     let text = text.trim_start_matches('\u{feff}');
     // The derived reader would take a list as the fields without their names.
     let before = &text[..text.len() - text.trim_start().len()];
@@ -71,17 +71,25 @@ pub fn parse(text: &str) -> Result<Vec<Anchor>, Error> {
         return Err(Error::Json { line, column, message: "expected an object, found a list".into() });
     }
     let file: File = serde_json::from_str(text).map_err(Error::json)?;
-    file.anchors.iter().enumerate().map(|(index, entry)| entry.anchor(index)).collect()
+    file.anchors.iter().enumerate().map(|(index, entry)| entry.anchor(index, frame_rate)).collect()
 }
 
-/// Checks anchors against a motion of `frames` frames (20 a second): that all lie within it, and what a request demands besides
-/// (numbers, no two targets for one joint at one frame, not too many).
+/// [`check_at`] for a processed recording, which has [`FPS`] frames a second.
+///
+/// # Errors
+/// As there.
+pub fn check(anchors: &[Anchor], frames: usize) -> Result<(), Error> {
+    check_at(anchors, frames, FPS as u16)
+}
+
+/// Checks anchors against a motion of `frames` frames, `frame_rate` a second: that all lie within it, and what a request demands
+/// besides (numbers, no two targets for one joint at one frame, not too many).
 ///
 /// # Errors
 /// [`Error::BeyondEnd`], which says how long the motion is, [`Error::Conflict`], or [`Error::Refused`].
-pub fn check(anchors: &[Anchor], frames: usize) -> Result<(), Error> {
+pub fn check_at(anchors: &[Anchor], frames: usize, frame_rate: u16) -> Result<(), Error> {
     if let Some((index, anchor)) = anchors.iter().enumerate().find(|(_, anchor)| usize::from(anchor.frame) >= frames) {
-        return Err(Error::BeyondEnd { index, frame: anchor.frame, frames });
+        return Err(Error::BeyondEnd { index, frame: anchor.frame, frames, frame_rate });
     }
     AnchorSet::new(anchors, frames).map(|_| ()).map_err(|error| match error {
         AnchorError::Conflict { first, second } => {
@@ -89,7 +97,7 @@ pub fn check(anchors: &[Anchor], frames: usize) -> Result<(), Error> {
                 Target::Joint { joint, .. } => Joint::try_from(joint).unwrap_or(Joint::Pelvis),
                 Target::Root(_) | Target::PlanarRoot(_) => Joint::Pelvis,
             };
-            Error::Conflict { first, second, joint, frame: anchors[second].frame }
+            Error::Conflict { first, second, joint, frame: anchors[second].frame, frame_rate }
         }
         error => Error::Refused(error),
     })

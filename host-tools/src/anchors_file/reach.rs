@@ -7,8 +7,6 @@ use std::fmt;
 
 use motionette::{Anchor, Target};
 
-use crate::motion::FPS;
-
 /// Metres a second that nobody outruns over a few seconds.
 const SPEED: f64 = 8.0;
 /// Metres from the pelvis to the farthest joint, arms stretched.
@@ -59,7 +57,7 @@ impl Place {
     /// Every motion starts with the pelvis at the origin.
     const START: Self = Self { floor: [0.0; 2], height: None, limb: 0.0, time: 0.0 };
 
-    fn of(anchor: &Anchor) -> Self {
+    fn of(anchor: &Anchor, frame_rate: u16) -> Self {
         let wide = |p: [f32; 3]| p.map(f64::from);
         let ([x, y, z], limb) = match anchor.target {
             Target::Root(p) => (wide(p), 0.0),
@@ -67,7 +65,7 @@ impl Place {
             Target::Joint { position, .. } => (wide(position), LIMB),
         };
         let height = (!matches!(anchor.target, Target::PlanarRoot(_))).then_some(y);
-        Self { floor: [x, z], height, limb, time: f64::from(anchor.frame) / FPS }
+        Self { floor: [x, z], height, limb, time: f64::from(anchor.frame) / f64::from(frame_rate) }
     }
 
     /// Seconds from `other`, and metres that are missing.
@@ -80,10 +78,10 @@ impl Place {
     }
 }
 
-/// Those of `anchors` that are out of reach from the start, or from another anchor that is not, with the largest distance of each; in the
-/// order of the list. One that is given twice is judged once.
+/// Those of `anchors` that are out of reach from the start, or from another anchor that is not, in a motion of `frame_rate` frames a
+/// second, with the largest distance of each; in the order of the list. One that is given twice is judged once.
 #[must_use]
-pub fn out_of_reach(anchors: &[Anchor]) -> Vec<OutOfReach> {
+pub fn out_of_reach(anchors: &[Anchor], frame_rate: u16) -> Vec<OutOfReach> {
     let mut order: Vec<usize> = (0..anchors.len()).collect();
     order.sort_by_key(|&index| anchors[index].frame);
     let mut seen: Vec<&Anchor> = Vec::new();
@@ -94,7 +92,7 @@ pub fn out_of_reach(anchors: &[Anchor]) -> Vec<OutOfReach> {
             continue;
         }
         seen.push(&anchors[index]);
-        let place = Place::of(&anchors[index]);
+        let place = Place::of(&anchors[index], frame_rate);
         let missing = reached.iter().map(|(from, other)| (*from, place.beyond(other)));
         let worst = missing.max_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b));
         match worst {

@@ -2,7 +2,7 @@ use super::*;
 
 /// The message of a file with these anchors, which must be refused.
 fn refused(anchors: &str) -> String {
-    parse(&format!("{{\"anchors\": [{anchors}]}}")).expect_err(anchors).to_string()
+    parse(&format!("{{\"anchors\": [{anchors}]}}"), 20).expect_err(anchors).to_string()
 }
 
 #[test]
@@ -17,8 +17,29 @@ fn all_three_families_and_both_times() {
         Anchor::planar_root(79, [7.0, 8.0]),
         Anchor::joint(0, 0, [1.0, 2.0, 3.0]),
     ];
-    assert_eq!(parse(text).expect("valid"), expected);
-    assert_eq!(parse("\u{feff}{\"anchors\": []}").expect("valid"), []);
+    assert_eq!(parse(text, 20).expect("valid"), expected);
+    assert_eq!(parse("\u{feff}{\"anchors\": []}", 20).expect("valid"), []);
+}
+
+#[test]
+fn seconds_are_frames_of_the_model() {
+    let text = r#"{"anchors": [{"time": 1.99, "root": [0, 0, 0]}, {"frame": 7, "root": [0, 0, 0]}]}"#;
+    for (frame_rate, frame) in [(8, 16), (20, 40), (30, 60), (1000, 1990)] {
+        let anchors = parse(text, frame_rate).expect("valid");
+        assert_eq!(anchors.iter().map(|anchor| anchor.frame).collect::<Vec<_>>(), [frame, 7], "{frame_rate} a second");
+        check_at(&anchors, usize::from(frame) + 1, frame_rate).expect("just inside");
+        let message = check_at(&anchors, frame.into(), frame_rate).expect_err("just outside").to_string();
+        let seconds = f64::from(frame) / f64::from(frame_rate);
+        assert!(message.contains(&format!("frame {frame} ({seconds:.2} s)")), "{message}");
+    }
+    let late = r#"{"anchors": [{"time": 2000, "root": [0, 0, 0]}]}"#;
+    assert!(parse(late, 30).is_ok());
+    let message = parse(late, 40).expect_err("frame 80000").to_string();
+    assert!(message.ends_with("beyond any motion (frame 65535, 1638.375 s)"), "{message}");
+    // 8 m in a second, or in a third of one.
+    let run = [Anchor::planar_root(30, [0.0, 8.0])];
+    assert_eq!(out_of_reach(&run, 30), []);
+    assert_eq!(out_of_reach(&run, 90).len(), 1);
 }
 
 #[test]
@@ -69,7 +90,7 @@ fn form_is_refused_with_line_and_column() {
         ("\n [[{\"frame\": 1, \"root\": [0, 0, 0]}]]", (2, 2)),
         ("{}", (1, 2)),
     ] {
-        match parse(text) {
+        match parse(text, 20) {
             Err(Error::Json { line, column, message }) => {
                 assert_eq!((line, column), place, "{text:?}: {message}");
                 assert!(!message.contains("column"), "{message}");
@@ -78,7 +99,7 @@ fn form_is_refused_with_line_and_column() {
         }
     }
     let deep = "[".repeat(100_000);
-    assert!(matches!(parse(&format!("{{\"anchors\": [{{\"root\": {deep}")), Err(Error::Json { .. })));
+    assert!(matches!(parse(&format!("{{\"anchors\": [{{\"root\": {deep}"), 20), Err(Error::Json { .. })));
 }
 
 #[test]
@@ -99,7 +120,10 @@ fn the_motion_s_length_is_said() {
     let conflict = [anchors[0], Anchor::joint(30, 21, [0.0; 3]), anchors[0], Anchor::joint(30, 21, [0.0, 0.0, 1.0])];
     let found = check(&conflict, 100);
     assert!(
-        matches!(found, Err(Error::Conflict { first: 1, second: 3, joint: Joint::RightWrist, frame: 30 })),
+        matches!(
+            found,
+            Err(Error::Conflict { first: 1, second: 3, joint: Joint::RightWrist, frame: 30, frame_rate: 20 })
+        ),
         "{found:?}"
     );
     let many: Vec<Anchor> = (0..33).map(|frame| Anchor::root(frame, [0.0; 3])).collect();
@@ -119,10 +143,10 @@ fn what_is_written_is_read_back_bit_for_bit() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("anchors.json");
     write(&path, &anchors).expect("writable");
-    let back = read(&path).expect("readable");
+    let back = read(&path, 20).expect("readable");
     assert_eq!(format!("{back:?}"), format!("{anchors:?}"), "signs of zero included");
     write(&path, &[]).expect("writable");
-    assert_eq!(read(&path).expect("readable"), []);
+    assert_eq!(read(&path, 20).expect("readable"), []);
 }
 
 #[test]
@@ -134,7 +158,7 @@ fn what_the_file_cannot_hold_is_refused_and_nothing_is_left() {
     let joint = write(&path, &[Anchor::joint(0, 22, [0.0; 3])]);
     assert!(matches!(joint, Err(Error::NoSuchJoint { index: 0, joint: 22 })), "{joint:?}");
     assert!(!path.exists());
-    let missing = read(&path).expect_err("no such file");
+    let missing = read(&path, 20).expect_err("no such file");
     assert!(matches!(&missing, Error::Read { .. }) && missing.to_string().contains("anchors.json"), "{missing}");
 }
 
@@ -144,7 +168,7 @@ fn repeated_anchors_count_once() {
     let many: Vec<Anchor> = [a, b].into_iter().cycle().take(100_000).collect();
     check(&many, 40).expect("two distinct ones");
     assert_eq!(distinct(&many), [a, b]);
-    assert_eq!(out_of_reach(&many), []);
+    assert_eq!(out_of_reach(&many, 20), []);
     assert_eq!(distinct(&[]), []);
 }
 
@@ -158,10 +182,10 @@ fn what_a_body_cannot_reach_is_said_with_distance_and_time() {
         Anchor::root(139, [0.0, 1.3, 0.0]),
         Anchor::joint(139, 10, [0.0, 0.0, 0.1]),
     ];
-    assert_eq!(out_of_reach(&fine), []);
+    assert_eq!(out_of_reach(&fine, 20), []);
     // Millimetres for metres, and one metre-anchor after it that is blameless.
     let far = [Anchor::root(40, [300.0, 0.9, 400.0]), fine[2], Anchor::joint(60, 15, [0.0, 7.3, 0.0])];
-    let found = out_of_reach(&far);
+    let found = out_of_reach(&far, 20);
     assert_eq!(found.iter().map(|far| (far.index, far.from)).collect::<Vec<_>>(), [(0, None), (2, None)]);
     // 500 m off, of which 2 s of running are 16 m and 0.5 m are allowed.
     assert!((found[0].beyond - 483.5).abs() < 1e-4 && found[0].seconds == 2.0, "{found:?}");
@@ -170,7 +194,7 @@ fn what_a_body_cannot_reach_is_said_with_distance_and_time() {
     assert!(said.starts_with("anchor 0 lies 483.5 m beyond what a body can reach in 2.00 s from the start"), "{said}");
     // Ten metres in a twentieth of a second, given in any order.
     let leap = [Anchor::root(41, [10.0, 0.9, 0.5]), Anchor::root(40, [0.0, 0.9, 0.5])];
-    let [far] = out_of_reach(&leap)[..] else { panic!("one of the two") };
+    let [far] = out_of_reach(&leap, 20)[..] else { panic!("one of the two") };
     assert_eq!((far.index, far.from), (0, Some(1)));
     assert!((far.beyond - 9.1).abs() < 1e-4, "{far:?}");
     assert!(far.to_string().contains("in 0.05 s from anchor 1"), "{far}");

@@ -46,6 +46,16 @@ pub struct BlobFile {
     path: PathBuf,
 }
 
+/// What a blob consists of, as it stands there.
+pub struct Parts<'b> {
+    /// Lengths, offsets and the format version.
+    pub header: Header,
+    /// What the model is.
+    pub manifest: Manifest<'b>,
+    /// A reader over the table, and the weights behind it.
+    pub tensors: Tensors<'b>,
+}
+
 /// One entry of the tensor table with the numbers behind it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TableEntry {
@@ -103,11 +113,11 @@ impl BlobFile {
         Error::Refused { path: self.path.clone(), source }
     }
 
-    /// Header, manifest, and a reader over the table.
+    /// Header, manifest and table, read anew.
     ///
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
-    pub fn parts(&self) -> Result<(Header, Manifest<'_>, Tensors<'_>), Error> {
+    pub fn parts(&self) -> Result<Parts<'_>, Error> {
         let read = || -> Result<_, blob::Error> {
             let bytes = self.bytes();
             let header = Header::parse(bytes)?;
@@ -117,7 +127,7 @@ impl BlobFile {
                 bytes.get(header.weights_offset as usize..header.total_len as usize).ok_or(blob::Error::Header)?;
             let (manifest, table) = Manifest::read(text, header.minor)?;
             let tensors = Tensors::new(table, weights, manifest.tensor_count);
-            Ok((header, manifest, tensors))
+            Ok(Parts { header, manifest, tensors })
         };
         read().map_err(|source| self.refused(source))
     }
@@ -128,7 +138,7 @@ impl BlobFile {
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn unconditioned_because(&self) -> Result<String, Error> {
-        let Some(&control) = self.parts()?.1.generator.control() else {
+        let Some(&control) = self.parts()?.manifest.generator.control() else {
             return Ok("the blob has no anchor control; convert it with --control".to_owned());
         };
         let unseen = Family::ALL.iter().filter(|family| control.families & family.bit() == 0);
@@ -141,7 +151,7 @@ impl BlobFile {
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn table(&self) -> Result<Vec<TableEntry>, Error> {
-        let (_, manifest, mut tensors) = self.parts()?;
+        let Parts { manifest, mut tensors, .. } = self.parts()?;
         (0..manifest.tensor_count)
             .map(|_| tensors.take().and_then(|t| entry(&t)))
             .collect::<Result<_, _>>()
@@ -153,7 +163,7 @@ impl BlobFile {
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn layers(&self) -> Result<Vec<QuantisedConv1d>, Error> {
-        let (_, manifest, _) = self.parts()?;
+        let manifest = self.parts()?.manifest;
         let mut layers = layers(&self.table()?);
         layers.truncate(convolutions(&manifest));
         Ok(layers)
@@ -182,7 +192,7 @@ impl BlobFile {
 
     /// Everything behind the decoder.
     fn planning_layers(&self) -> Result<Vec<QuantisedConv1d>, Error> {
-        let (_, manifest, _) = self.parts()?;
+        let manifest = self.parts()?.manifest;
         let mut layers = layers(&self.table()?);
         Ok(layers.split_off(convolutions(&manifest).min(layers.len())))
     }

@@ -15,5 +15,5 @@ pub mod layer;
 pub mod write;
 
 pub use aligned::AlignedBlob;
-pub use file::{BlobFile, Error, TableEntry};
+pub use file::{BlobFile, Error, Parts, TableEntry};
 pub use layer::QuantisedConv1d;

@@ -1,5 +1,6 @@
 //! What a tokenizer checkpoint says about itself.
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::error::{ErrorKind, Result};
@@ -25,6 +26,18 @@ pub enum Source {
     Momask,
     /// T2M-GPT's VQ-VAE.
     T2mGpt,
+}
+
+/// The `config` entry of a checkpoint's metadata, its values unchecked.
+///
+/// # Errors
+/// [`ErrorKind::Option`] when the JSON is broken or not that of a `C`.
+pub(in crate::checkpoint) fn parse<C: DeserializeOwned>(text: &str) -> Result<C> {
+    serde_json::from_str(text).map_err(|e| ErrorKind::Option {
+        key: "config".into(),
+        value: e.to_string(),
+        expected: "the JSON object that motionette-train writes".into(),
+    })
 }
 
 /// Sizes and provenance of a tokenizer.
@@ -79,11 +92,7 @@ impl Config {
     /// # Errors
     /// [`ErrorKind::Option`] when the JSON is broken or a size is out of range.
     pub fn from_json(text: &str) -> Result<Self> {
-        let config: Self = serde_json::from_str(text).map_err(|e| ErrorKind::Option {
-            key: "config".into(),
-            value: e.to_string(),
-            expected: "the JSON object that motionette-train writes".into(),
-        })?;
+        let config: Self = parse(text)?;
         config.check()?;
         Ok(config)
     }

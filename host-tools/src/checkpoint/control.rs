@@ -9,6 +9,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::anchors::{Family, Statistics, VALUES, WIDTH};
+use super::config::parse;
 use super::error::{Error, ErrorKind, Result};
 use super::prior::config::{MAX_EXTENT, MAX_LAYERS, MAX_LENGTH, check_extent, check_positive};
 use super::prior::{
@@ -62,11 +63,7 @@ impl ControlConfig {
     /// # Errors
     /// [`ErrorKind::Option`] when the JSON is broken or a value is out of range.
     pub fn from_json(text: &str) -> Result<Self> {
-        let config: Self = serde_json::from_str(text).map_err(|e| ErrorKind::Option {
-            key: "config".into(),
-            value: e.to_string(),
-            expected: "the JSON object that motionette-train writes".into(),
-        })?;
+        let config: Self = parse(text)?;
         config.check()?;
         Ok(config)
     }

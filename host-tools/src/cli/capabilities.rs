@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::blob::AlignedBlob;
 use crate::blob::{BlobFile, Error};
-use crate::checkpoint::prior::NONE;
+use crate::checkpoint::prior::UNCONDITIONAL;
 use crate::inspect::{self, Inspection};
 
 /// What the blob at `path` can do and `bytes` cannot; nothing where no blob stands that these tools read.
@@ -42,7 +42,7 @@ fn difference(old: &Inspection, new: &Inspection) -> Vec<String> {
     let stored = before.map_or(&[][..], |p| &p.bank);
     let kept = after.map_or(&[][..], |p| &p.bank);
     // The unconditional prompt is stored only where no text encoder makes it.
-    let prompts = stored.iter().filter(|name| !kept.contains(name) && *name != NONE);
+    let prompts = stored.iter().filter(|name| !kept.contains(name) && *name != UNCONDITIONAL);
     let prompts: Vec<&str> = prompts.map(String::as_str).collect();
     note(!prompts.is_empty(), format!("the stored prompts {}", prompts.join(", ")));
     let families = old.control.as_ref().map_or(&[][..], |c| &c.families);

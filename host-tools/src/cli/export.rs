@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::generate_args::GenerateArgs;
 use super::say;
 use crate::export::{bvh, glb, servo};
-use crate::motion::{FPS, Pose, skeleton};
+use crate::motion::{FPS, Pose};
 use crate::output::write_atomic;
 use crate::servos::Timeline;
 use crate::{anchors_file, import, metrics, robot_file};
@@ -97,9 +97,10 @@ impl Source {
             import::bvh::load(path, &self.recording.reading()?)?;
         say(&format!("{}: joints by the mapping {mapping}", path.display()));
         notes.iter().for_each(|note| say(&format!("note: {note}")));
-        let anchors = self.args.anchors()?;
+        let frame_rate = FPS as u16;
+        let anchors = self.args.anchors(frame_rate)?;
         anchors_file::check(&anchors, frames.len()).context("checking the anchors")?;
-        Ok(Moved { frames, frame_rate: FPS as u16, anchors })
+        Ok(Moved { frames, frame_rate, anchors })
     }
 }
 
@@ -147,13 +148,8 @@ impl Cmd {
         }
         let centimetres = |metres: f64| 100.0 * metres;
         let rigid = (writes_bvh && !self.positions).then(|| bvh::rigid_deviation(frames));
-        if let Some(bvh::Deviation { mean, largest, frame, joint }) = rigid {
-            say(&format!(
-                "rigid bones leave the motion's joints by {:.2} cm on average, {:.2} cm at most ({}, frame {frame})",
-                centimetres(mean),
-                centimetres(largest),
-                skeleton::NAMES[joint]
-            ));
+        if let Some(deviation) = rigid {
+            say(&deviation.to_string());
         }
         let control = metrics::control_error(frames, anchors).map(centimetres);
         let mut report = json!({

@@ -22,7 +22,7 @@ use crate::output::write_atomic;
 pub(super) struct Cmd {
     #[command(flatten)]
     args: GenerateArgs,
-    /// The motion to write, BVH.
+    /// The motion to write, BVH; its bones are rigid, and how far they leave the joints is printed.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
@@ -40,6 +40,8 @@ impl Cmd {
             made.tokens.len(),
             self.output.display()
         ));
+        let rigid = bvh::rigid_deviation(joints);
+        say(&rigid.to_string());
         let anchors = &made.anchors;
         let control = metrics::control_error(joints, anchors);
         if let (Some(error), Some(before)) = (control, made.refinement.and_then(|r| r.before)) {
@@ -71,6 +73,8 @@ impl Cmd {
             "unconditioned_anchors": made.unconditioned.as_ref().map_or(0, |(count, _)| *count),
             "unconditioned_because": made.unconditioned.map(|(_, why)| why),
             "control_error_m": control,
+            "rigid_mean_cm": 100.0 * rigid.mean,
+            "rigid_largest_cm": 100.0 * rigid.largest,
             "hash": format!("{:016x}", made.hash),
         }))
     }

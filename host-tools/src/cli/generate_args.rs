@@ -114,14 +114,14 @@ impl GenerateArgs {
         let blob = BlobFile::open(self.blob.as_deref().context("a motion from text needs a model: give --blob")?)?;
         let model = blob.model()?;
         let length = self.length(&model)?;
-        let anchors = self.anchors()?;
+        let anchors = self.anchors(model.frame_rate())?;
         let frames = match length {
             Length::Frames(frames) => usize::from(frames).next_multiple_of(model.frames_per_token()),
             // As long as the anchors need it.
             _ => model.max_tokens() * model.frames_per_token(),
         };
-        anchors_file::check(&anchors, frames).context("checking the anchors")?;
-        warn_of_far(&anchors);
+        anchors_file::check_at(&anchors, frames, model.frame_rate()).context("checking the anchors")?;
+        warn_of_far(&anchors, model.frame_rate());
         let anchors = anchors_file::distinct(&anchors);
         let request = self.request(length, &anchors);
 
@@ -155,23 +155,17 @@ impl GenerateArgs {
         })
     }
 
-    /// The anchors that the motion is to pass through.
-    pub fn anchors(&self) -> Result<Vec<Anchor>> {
-        let anchors = self.anchors.as_deref().map(anchors_file::read).transpose().context("reading the anchors")?;
+    /// The anchors that the motion, of `frame_rate` frames a second, is to pass through.
+    pub fn anchors(&self, frame_rate: u16) -> Result<Vec<Anchor>> {
+        let read = |path| anchors_file::read(path, frame_rate);
+        let anchors = self.anchors.as_deref().map(read).transpose().context("reading the anchors")?;
         Ok(anchors.unwrap_or_default())
     }
 
     fn length(&self, model: &Model<'_>) -> Result<Length> {
         let Some(seconds) = self.seconds else { return Ok(Length::Predicted) };
-        let rate = f64::from(model.frame_rate());
-        let longest = (model.max_tokens() * model.frames_per_token()) as f64 / rate;
-        // A hair of room for seconds that are no binary fraction.
-        let frames = (seconds * rate - 1e-6).ceil();
-        ensure!(
-            seconds.is_finite() && frames >= 1.0 && seconds <= longest + 1e-6,
-            "a motion of {seconds} s cannot be made, this model makes up to {longest} s; give --seconds in between"
-        );
-        Ok(Length::Frames(frames as u16))
+        let most = model.max_tokens() * model.frames_per_token();
+        Ok(Length::Frames(frames_of(seconds, model.frame_rate(), most, "model")?))
     }
 
     fn request<'r>(&'r self, length: Length, anchors: &'r [Anchor]) -> Request<'r> {
@@ -236,9 +230,22 @@ impl GenerateArgs {
     }
 }
 
+/// Frames of a motion of `--seconds`. The `maker`, a model or a device, makes `frame_rate` a second and `most` in all.
+pub(super) fn frames_of(seconds: f64, frame_rate: u16, most: usize, maker: &str) -> Result<u16> {
+    let rate = f64::from(frame_rate);
+    let longest = most as f64 / rate;
+    // A little more is allowed for seconds that are no binary fraction.
+    let frames = (seconds * rate - 1e-6).ceil();
+    ensure!(
+        seconds.is_finite() && frames >= 1.0 && seconds <= longest + 1e-6,
+        "a motion of {seconds} s cannot be made, this {maker} makes up to {longest} s; give --seconds in between"
+    );
+    Ok(frames as u16)
+}
+
 /// Says which anchors no body can reach in the time: a slip, most of the time.
-pub(super) fn warn_of_far(anchors: &[Anchor]) {
-    for far in anchors_file::out_of_reach(anchors) {
+pub(super) fn warn_of_far(anchors: &[Anchor], frame_rate: u16) {
+    for far in anchors_file::out_of_reach(anchors, frame_rate) {
         say(&format!("warning: {far}"));
     }
 }

@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::checkpoint::PriorCheckpoint;
-use crate::checkpoint::prior::NONE;
+use crate::checkpoint::prior::UNCONDITIONAL;
 use crate::input;
 use crate::reference::text::{self, PromptError, TextEncoder, Words};
 
@@ -93,8 +93,8 @@ pub fn parse(text: &str) -> Result<Vec<Prompt>, Error> {
         if name.len() > MAX_NAME {
             return bad(format!("the name has {} bytes, at most {MAX_NAME} are allowed", name.len()));
         }
-        if name == NONE {
-            return bad(format!("the name {NONE} is that of the unconditional prompt"));
+        if name == UNCONDITIONAL {
+            return bad(format!("the name {UNCONDITIONAL} is that of the unconditional prompt"));
         }
         if let Some(other) = prompts.iter().find(|p| p.name == name) {
             return bad(format!("the name {name:?} is that of line {} already", other.line));
@@ -115,8 +115,9 @@ pub fn encode(checkpoint: &PriorCheckpoint, prompts: &[Prompt], unconditional: b
         let rows = [encoded.memory, encoded.pooled].concat();
         Entry { name: name.to_owned(), unknown: words.unknown, rows }
     };
-    let none = unconditional.then(|| entry(NONE, Words { ids: vec![text::NONE], unknown: Vec::new() }));
-    let mut entries: Vec<Entry> = none.into_iter().collect();
+    let unconditional =
+        unconditional.then(|| entry(UNCONDITIONAL, Words { ids: vec![text::UNCONDITIONAL], unknown: Vec::new() }));
+    let mut entries: Vec<Entry> = unconditional.into_iter().collect();
     for Prompt { line, name, text } in prompts {
         let refused = |source| Error::Prompt { line: *line, name: name.clone(), source };
         entries.push(entry(name, encoder.read(text).map_err(refused)?));

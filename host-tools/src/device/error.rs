@@ -163,9 +163,18 @@ fn hint_of_refusal(refusal: &Refusal) -> Option<&'static str> {
         Refusal::Unusable(UpdateFault::Model(BlobFault::Version { found, supported })) if found < supported => Some(
             "lift it with `motionette convert OLD.blob -o NEW.blob`, then bring it with `motionette device send-blob`",
         ),
-        Refusal::Unusable(UpdateFault::Model(BlobFault::Version { .. })) => {
+        Refusal::Unusable(UpdateFault::Model(BlobFault::Version { .. } | BlobFault::Unknown { .. })) => {
             Some("update the device's firmware, or bring a blob that it reads with `motionette device send-blob`")
         }
+        Refusal::Update(UpdateFault::Model(BlobFault::Unknown { .. })) => {
+            Some("update the device's firmware first; the blob that was active stays so")
+        }
+        Refusal::Unusable(UpdateFault::Model(BlobFault::NotLinked { .. })) => Some(
+            "add the feature to motionette's in the firmware's Cargo.toml and flash it, or bring another blob with `motionette device send-blob`",
+        ),
+        Refusal::Update(UpdateFault::Model(BlobFault::NotLinked { .. })) => Some(
+            "add the feature to motionette's in the firmware's Cargo.toml and flash it; the blob that was active stays so",
+        ),
         Refusal::Unusable(_) => Some("`motionette device send-blob` brings another"),
         Refusal::Busy { .. } | Refusal::Moving => Some("wait for its end, or `motionette device stop`"),
         Refusal::Stopped => Some("`motionette device neutral` ends a stop"),

@@ -16,12 +16,13 @@
 //! each points from where it begins to the motion's joint, which keeps hands and feet nearer than the motion's directions would.
 //! Positions give the joints back up to the file's five decimals (0.1 micrometres, 0.00001 degrees), but have no rest pose to show.
 
+use std::fmt;
 use std::io::{self, Write};
 
 use super::euler;
 use super::rig::{self, Bones, Rig, children};
 use crate::motion::quaternion::{self as q, Vector};
-use crate::motion::{JOINTS, Pose};
+use crate::motion::{JOINTS, Pose, skeleton};
 
 /// Names of the joints in the file, in the order of [`crate::motion::skeleton::NAMES`].
 pub const NAMES: [&str; JOINTS] = [
@@ -71,6 +72,17 @@ pub struct Deviation {
     pub frame: usize,
     /// Joint of the largest, index into [`crate::motion::skeleton::NAMES`].
     pub joint: usize,
+}
+
+impl fmt::Display for Deviation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [mean, largest] = [self.mean, self.largest].map(|metres| CENTIMETRES * metres);
+        let (joint, frame) = (skeleton::NAMES.get(self.joint).unwrap_or(&"?"), self.frame);
+        write!(
+            f,
+            "rigid bones leave the motion's joints by {mean:.2} cm on average, {largest:.2} cm at most ({joint}, frame {frame})"
+        )
+    }
 }
 
 /// Writes a motion as BVH text with rigid bones.

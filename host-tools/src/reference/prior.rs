@@ -74,7 +74,7 @@ impl<T: Real> Prior<T> {
         let context = |words: &[u16]| self.planner.context(&self.text.encode(words));
         Guided {
             conditional: context(words),
-            unconditional: (guidance != 1.0).then(|| context(&[text::NONE])),
+            unconditional: (guidance != 1.0).then(|| context(&[text::UNCONDITIONAL])),
             guidance: T::from_f32(guidance),
             start_open: false,
             end_open: false,

@@ -7,7 +7,7 @@ use super::transformer::{Block, Embedding, LayerNorm, Linear, softmax};
 use crate::checkpoint::prior::{MAX_WORD, PriorCheckpoint};
 
 /// Id of the unconditional prompt.
-pub const NONE: u16 = 0;
+pub const UNCONDITIONAL: u16 = 0;
 /// Id of a word outside the vocabulary.
 pub const UNKNOWN: u16 = 1;
 

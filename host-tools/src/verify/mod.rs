@@ -189,7 +189,7 @@ pub fn sequences(
 /// # Errors
 /// [`Error::Mismatch`].
 pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Result<(), Error> {
-    let (_, manifest, _) = blob.parts()?;
+    let manifest = blob.parts()?.manifest;
     let (d, c) = (manifest.codec.decoder(), &checkpoint.config);
     let sizes = [
         ("width", usize::from(d.width), c.width),
@@ -211,7 +211,7 @@ pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Re
 /// # Errors
 /// [`Error::NoPlanner`], [`Error::Mismatch`].
 pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), Error> {
-    let (_, manifest, _) = blob.parts()?;
+    let manifest = blob.parts()?.manifest;
     let (Some(text), Some(planner)) = (manifest.text, manifest.generator.planner()) else {
         return Err(Error::NoPlanner);
     };
@@ -240,7 +240,7 @@ pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), 
 /// # Errors
 /// [`Error::NoControl`], [`Error::Mismatch`].
 pub fn check_same_control(blob: &BlobFile, control: &ControlCheckpoint) -> Result<(), Error> {
-    let (_, manifest, _) = blob.parts()?;
+    let manifest = blob.parts()?.manifest;
     let Some(found) = manifest.generator.control() else { return Err(Error::NoControl) };
     let c = &control.config;
     let families = c.families.iter().fold(0, |bits, family| bits | family.bit());
@@ -276,7 +276,7 @@ fn transformer(t: &TransformerConfig, s: Sizes) -> [(&'static str, usize, usize)
 /// # Errors
 /// [`Error::Blob`]; not after the blob was opened.
 pub fn names_checkpoint(blob: &BlobFile, hash: &str) -> Result<bool, Error> {
-    Ok(blob.parts()?.1.card.checkpoint.split('+').any(|h| h == hash))
+    Ok(blob.parts()?.manifest.card.checkpoint.split('+').any(|h| h == hash))
 }
 
 /// A motion of the runtime, copied out of its arena.

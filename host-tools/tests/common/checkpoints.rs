@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use motionette_host::checkpoint::{Tensor, TensorMap, TokenizerCheckpoint, control, prior};
+use motionette_host::checkpoint::{ErrorKind, Tensor, TensorMap, TokenizerCheckpoint, control, prior};
 use motionette_host::reference::scaffold;
 use safetensors::{Dtype, tensor::TensorView};
 
@@ -209,4 +209,49 @@ pub fn control_checkpoint(seed: u64, prior_seed: u64) -> control::ControlCheckpo
     let text = control_config(prior_seed, "pre", "gelu", true, r#"["root3d", "planar", "body"]"#);
     let config = control::ControlConfig::from_json(&text).expect("a good configuration");
     control::ControlCheckpoint::build(&control(seed, true), config).expect("a good checkpoint")
+}
+
+/// Takes away, misshapes and spoils every tensor of a checkpoint in turn: each time `refused`, which reads what is left and gives its
+/// error, must name that tensor.
+pub fn names_every_damaged_tensor(map: &TensorMap, refused: impl Fn(&TensorMap) -> ErrorKind) {
+    for (i, name) in map.names().enumerate() {
+        let mut partial = TensorMap::default();
+        map.iter().filter(|(n, _)| *n != name).for_each(|(n, t)| partial.insert(n, t.clone()));
+        let kind = refused(&partial);
+        assert!(matches!(&kind, ErrorKind::MissingTensor { tensor, .. } if tensor == name), "{name}: {kind}");
+
+        let mut shape = map.find(name).expect(name).shape.clone();
+        let turned = i % shape.len();
+        shape[turned] += 1;
+        let mut wrong = map.clone();
+        wrong.insert(name, Tensor { shape: shape.clone(), data: vec![0.25; shape.iter().product()] });
+        let kind = refused(&wrong);
+        let ErrorKind::Shape { tensor, actual, .. } = &kind else { panic!("{name}: {kind}") };
+        assert_eq!((tensor.as_str(), actual), (name, &shape));
+
+        let mut wrong = map.clone();
+        let mut tensor = map.find(name).expect(name).clone();
+        tensor.data[2] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][i % 3];
+        wrong.insert(name, tensor);
+        let kind = refused(&wrong);
+        assert!(matches!(&kind, ErrorKind::NotFinite { tensor, index: 2, .. } if tensor == name), "{name}: {kind}");
+    }
+}
+
+/// Reads a checkpoint with the metadata of another format, of another version, and without configuration, all of which `refused` must
+/// name.
+pub fn names_other_metadata(
+    good: &HashMap<String, String>,
+    other_format: &str,
+    refused: impl Fn(HashMap<String, String>) -> ErrorKind,
+) {
+    for (key, value) in [("format", other_format), ("version", "2")] {
+        let mut metadata = good.clone();
+        metadata.insert(key.to_owned(), value.to_owned());
+        let kind = refused(metadata);
+        assert!(matches!(&kind, ErrorKind::Version { key: k, actual, .. } if *k == key && actual == value), "{kind}");
+    }
+    let mut metadata = good.clone();
+    metadata.remove("config");
+    assert!(matches!(refused(metadata), ErrorKind::MissingOption { .. }));
 }

@@ -1,6 +1,9 @@
 //! Command line of the trainer.
 
+use std::process::ExitCode;
+
 use clap::Parser;
+use motionette_host::console;
 use motionette_train::{control, evaluate, evaluator, prior, tokenizer};
 
 /// Trains motionette's models on motion capture.
@@ -19,12 +22,13 @@ enum Command {
     Evaluate(evaluate::command::Args),
 }
 
-fn main() -> anyhow::Result<()> {
-    match Command::parse() {
+fn main() -> ExitCode {
+    let result = match Command::parse() {
         Command::Tokenizer(args) => tokenizer::command::run(&args),
         Command::Prior(args) => prior::command::run(&args),
         Command::Control(args) => control::command::run(&args),
         Command::Evaluator(args) => evaluator::command::run(&args),
         Command::Evaluate(args) => evaluate::command::run(&args),
-    }
+    };
+    console::conclude(result)
 }

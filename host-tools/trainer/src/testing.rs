@@ -7,7 +7,7 @@ use motionette_host::motion::Pose;
 use motionette_host::motion::features::{self, process};
 use motionette_host::motion::skeleton::{PARENTS, REST_DIRECTIONS};
 
-use crate::harness::{Configuration, Length, Options, Run, State, Training};
+use crate::harness::{EvaluationOf, Length, Options, Run, State, Training};
 use crate::{prior, tokenizer};
 
 /// Arguments from a command line in which `@` stands for a folder. Of an option that is given twice the second counts.
@@ -79,20 +79,11 @@ impl<T: Training> Training for Interrupted<T> {
         self.training.step(state).map_err(Stop::Training)
     }
 
-    fn evaluate(
-        &self,
-        state: &State<T::Config>,
-        finished: bool,
-    ) -> Result<Option<<T::Config as Configuration>::Evaluation>, Self::Error> {
+    fn evaluate(&self, state: &State<T::Config>, finished: bool) -> Result<Option<EvaluationOf<T>>, Self::Error> {
         self.training.evaluate(state, finished).map_err(Stop::Training)
     }
 
-    fn save(
-        &self,
-        state: &State<T::Config>,
-        evaluation: &<T::Config as Configuration>::Evaluation,
-        path: &Path,
-    ) -> Result<(), Self::Error> {
+    fn save(&self, state: &State<T::Config>, evaluation: &EvaluationOf<T>, path: &Path) -> Result<(), Self::Error> {
         self.training.save(state, evaluation, path).map_err(Stop::Training)
     }
 }

@@ -6,6 +6,7 @@
 mod anchor;
 mod command;
 mod failure;
+mod feature;
 mod made;
 mod refinement;
 mod refusal;
@@ -15,6 +16,7 @@ mod start;
 pub use anchor::{Anchor, Target};
 pub use command::{Command, Generate, Length};
 pub use failure::Failure;
+pub use feature::Feature;
 pub use made::{Measure, Phrase, Strain, Understood};
 pub use refinement::Refinement;
 pub use refusal::{BlobFault, FlashFault, Refusal, UpdateFault};
@@ -42,6 +44,8 @@ pub const CHUNK_BYTES: usize = 240;
 pub const NAME_BYTES: usize = 32;
 /// Longest phrase in which a device says what it understood, bytes of UTF-8.
 pub const PHRASE_BYTES: usize = 64;
+/// Longest name of a cargo feature, bytes of UTF-8.
+pub const FEATURE_BYTES: usize = 24;
 /// Bytes of the longest request with its checksum.
 pub const REQUEST_BYTES: usize = 832 + CRC_BYTES;
 /// Bytes of the longest reply with its checksum.

@@ -6,7 +6,7 @@ use embedded_storage::nor_flash::NorFlashErrorKind;
 use motionette::blob;
 use serde::{Deserialize, Serialize};
 
-use super::{Refinement, Start};
+use super::{Feature, Refinement, Start};
 
 /// Why a request was not done. Nothing has changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -173,6 +173,18 @@ pub enum BlobFault {
     },
     /// Header or manifest make no sense.
     Structure,
+    /// A section of its manifest is of a kind that the device does not know.
+    Unknown {
+        /// Format version of the blob, major: a device that reads it knows the kind.
+        major: u16,
+        /// The same, minor.
+        minor: u16,
+    },
+    /// It needs a family that was left out of the device's firmware.
+    NotLinked {
+        /// The cargo feature that links it.
+        feature: Feature,
+    },
 }
 
 impl From<blob::Error> for BlobFault {
@@ -189,6 +201,9 @@ impl From<blob::Error> for BlobFault {
             | blob::Error::TensorMissing { index }
             | blob::Error::TensorValue { index, .. }
             | blob::Error::Unbounded { index } => BlobFault::Tensor { index },
+            // Of another major version nothing behind the header is read.
+            blob::Error::Unknown { minor, .. } => BlobFault::Unknown { major: blob::MAJOR, minor },
+            blob::Error::NotLinked { feature } => BlobFault::NotLinked { feature: Feature::new(feature) },
             _ => BlobFault::Structure,
         }
     }
@@ -289,6 +304,16 @@ impl fmt::Display for BlobFault {
             BlobFault::Config { found, limit } => write!(f, "it is configured for {found}, allowed is {limit}"),
             BlobFault::Tensor { index } => write!(f, "tensor {index} is not usable"),
             BlobFault::Structure => write!(f, "its header or manifest makes no sense"),
+            BlobFault::Unknown { major, minor } => {
+                write!(
+                    f,
+                    "it holds what the device does not know, which needs firmware that reads format {major}.{minor}"
+                )
+            }
+            BlobFault::NotLinked { feature } => write!(
+                f,
+                "it needs `{feature}`, which the device's firmware was built without: build it with that cargo feature"
+            ),
         }
     }
 }

@@ -68,6 +68,8 @@ pub struct Flash {
     pub power_for: usize,
     /// Bytes of memory the device has for a model.
     pub memory: u32,
+    /// What else is wrong with every model.
+    pub fault: Option<UpdateFault>,
 }
 
 impl Default for Flash {
@@ -79,6 +81,7 @@ impl Default for Flash {
             operations: 0,
             power_for: usize::MAX,
             memory: 12_000,
+            fault: None,
         }
     }
 }
@@ -164,7 +167,10 @@ impl Storage for Flash {
 
     fn fits(&self, model: &motionette::Model<'_>) -> Result<(), UpdateFault> {
         let (needed, available) = (model.bytes().len() as u32, self.memory);
-        if needed > available { Err(UpdateFault::Memory { needed, available }) } else { Ok(()) }
+        if needed > available {
+            return Err(UpdateFault::Memory { needed, available });
+        }
+        self.fault.map_or(Ok(()), Err)
     }
 }
 

@@ -8,6 +8,9 @@ use motionette_host::{anchors_file, checkpoint};
 
 use super::Tally;
 
+/// Frames a second of the motion that anchors are read for.
+const FRAME_RATE: u16 = 20;
+
 /// A recording of two frames with what the format allows: three channel orders, an End Site, a position channel on a joint.
 const BVH: &str = "HIERARCHY
 ROOT Hips
@@ -94,7 +97,7 @@ pub fn case(random: &mut Stream, tally: &mut Tally) -> Result<(), String> {
         }
         1 => {
             let text = mutated_text(ANCHORS, times, random);
-            note("anchor file", anchors_file::parse(&text), tally)
+            note("anchor file", anchors_file::parse(&text, FRAME_RATE), tally)
         }
         2 => {
             let text = mutated_text(CONSTRAINTS, times, random);

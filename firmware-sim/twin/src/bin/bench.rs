@@ -13,6 +13,7 @@ use std::{
 use anyhow::{Context, Result, bail};
 use clap::Parser;
 use motionette::MOST_ROWS;
+use motionette_host::console::{self, remark, say};
 use motionette_twin::{
     image,
     qemu::{self, MACHINES, Machine},
@@ -103,13 +104,7 @@ const ROOMY: usize = 7;
 const LIMIT: Duration = Duration::from_secs(900);
 
 fn main() -> ExitCode {
-    match run(&Options::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    console::conclude(run(&Options::parse()))
 }
 
 /// Everything that was counted on one machine.
@@ -132,7 +127,7 @@ fn run(options: &Options) -> Result<()> {
             list.iter().find(|(core, _)| core == name).map(|(_, path)| path.clone())
         };
         let (Some(bench), Some(request)) = (of(&options.bench), of(&options.request)) else { continue };
-        eprintln!("{}", machine.title);
+        remark(machine.title);
         let (_, kernels) = counted(machine, &bench, &options.plugin, false)?;
         let places = options.profile && all.is_empty();
         let (output, report) = counted(machine, &request, &options.plugin, places)?;
@@ -150,14 +145,14 @@ fn run(options: &Options) -> Result<()> {
     }
     let object = object(options, &all)?;
     let page = page(&all, &object)?;
-    println!("{page}");
+    say(&page);
     if let Some(out) = &options.out {
         fs::write(out.join("cortex-m.md"), &page).with_context(|| format!("cannot write into {}", out.display()))?;
         let text = serde_json::to_string_pretty(&object)? + "\n";
         fs::write(out.join("cortex-m.json"), text).with_context(|| format!("cannot write into {}", out.display()))?;
     }
     if options.json {
-        println!("{object}");
+        say(&object.to_string());
     }
     Ok(())
 }
@@ -204,7 +199,7 @@ fn profile(elf: &[u8], report: &str) -> Result<()> {
     spent.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
     let all: u64 = spent.iter().map(|(_, count)| count).sum();
     for (name, count) in spent.iter().take(40) {
-        println!("{:9.1} M {:5.1} %  {name}", *count as f64 / 1e6, 100.0 * *count as f64 / all as f64);
+        say(&format!("{:9.1} M {:5.1} %  {name}", *count as f64 / 1e6, 100.0 * *count as f64 / all as f64));
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ use clap::Parser;
 use motionette::codec::vq::decoder::ChunkShape;
 use motionette::{Generator, Request};
 use motionette_host::blob::BlobFile;
+use motionette_host::console::{self, say};
 use motionette_link::Preset;
 use motionette_link::update::Layout;
 use motionette_sim::report::INSTRUCTIONS_PER_MAC;
@@ -64,13 +65,7 @@ impl FromStr for Code {
 }
 
 fn main() -> ExitCode {
-    match run(&Cli::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    console::conclude(run(&Cli::parse()))
 }
 
 fn run(cli: &Cli) -> Result<()> {
@@ -99,26 +94,26 @@ fn run(cli: &Cli) -> Result<()> {
     let fetched = plan.planning_macs as f64 / each(1 + tokens, preset.rows) + decoder as f64 / each(tokens, chunk);
     let seconds = instructions * CYCLES / CLOCK + fetched / FLASH_BANDWIDTH;
     let motion = f64::from(preset.frames) / f64::from(model.frame_rate());
-    println!(
+    say(&format!(
         "flash                {flash} of {FLASH} bytes, and two slots of {} bytes for blobs",
         Layout::PICO2.length
-    );
-    println!("RAM                  {ram} of {RAM} bytes, {} left for the stack", RAM.saturating_sub(ram));
-    println!(
+    ));
+    say(&format!("RAM                  {ram} of {RAM} bytes, {} left for the stack", RAM.saturating_sub(ram)));
+    say(&format!(
         "preset               {motion} s of motion, {} planner steps, {} decoder evaluations",
         preset.steps, preset.evaluations
-    );
-    println!(
+    ));
+    say(&format!(
         "a motion             about {seconds:.1} s at 150 MHz: {:.0} M instructions of {CYCLES} cycles (assumed), {:.0} MB of weights \
          through serial flash",
         instructions / 1e6,
         fetched / 1e6
-    );
+    ));
     let mut too_large = Vec::new();
     for Code { features, budget, image } in &cli.code {
         let elf = std::fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
         let bytes = image::text_bytes(&elf)?;
-        println!("runtime code, M4F    {bytes:>6} of {budget:>6} bytes: {features}");
+        say(&format!("runtime code, M4F    {bytes:>6} of {budget:>6} bytes: {features}"));
         if bytes > *budget {
             too_large.push(format!("{features}: {bytes} bytes, {budget} are the budget"));
         }
@@ -129,7 +124,7 @@ fn run(cli: &Cli) -> Result<()> {
             "flash_bytes": flash, "flash_limit": FLASH, "ram_bytes": ram, "ram_limit": RAM, "stack_left": RAM.saturating_sub(ram),
             "motion_seconds": motion, "estimated_seconds": seconds, "instructions": instructions, "arena_bytes": plan.arena_bytes,
         });
-        println!("{object}");
+        say(&object.to_string());
     }
     ensure!(flash <= FLASH, "the firmware does not fit: {flash} bytes of flash, {FLASH} are there");
     ensure!(ram + STACK <= RAM, "too little is left for the stack: {ram} bytes of RAM are taken, {RAM} are there");

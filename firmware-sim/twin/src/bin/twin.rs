@@ -9,10 +9,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use motionette::Generator;
 use motionette_host::blob::BlobFile;
+use motionette_host::console::{self, remark, say};
 use motionette_sim::{
     sample_clips::SampleClips,
     twin::{self, Digest},
@@ -57,17 +58,10 @@ struct Options {
 const ARENA_BYTES: usize = 4 << 20;
 
 fn main() -> ExitCode {
-    match run(&Options::parse()) {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    console::conclude(run(&Options::parse()))
 }
 
-fn run(options: &Options) -> Result<bool> {
+fn run(options: &Options) -> Result<()> {
     let limit = Duration::from_secs(options.limit);
     let jobs = [(M4, &options.image), (M7, &options.image), (M33, &options.m33_image), (M55, &options.m55_image)];
     // Emulation is single-threaded: the machines run side by side.
@@ -93,10 +87,11 @@ fn run(options: &Options) -> Result<bool> {
                 equal = false;
             }
         }
-        println!("{}", row(index, digest, &verdict));
+        say(&row(index, digest, &verdict));
     }
     summary(options, &desktop, &machines, equal)?;
-    Ok(equal)
+    ensure!(equal, "the machines differ from the desktop");
+    Ok(())
 }
 
 /// Runs every request here.
@@ -113,7 +108,7 @@ fn on_desktop(blob: &Path) -> Result<Vec<Digest>> {
     let digests = (0..twin::REQUESTS)
         .map(|index| twin::run(&mut generator, index, &recorded).with_context(|| format!("request {index}")))
         .collect::<Result<_>>()?;
-    eprintln!("desktop: {} requests in {:.1} s", twin::REQUESTS, start.elapsed().as_secs_f64());
+    remark(&format!("desktop: {} requests in {:.1} s", twin::REQUESTS, start.elapsed().as_secs_f64()));
     Ok(digests)
 }
 
@@ -123,13 +118,13 @@ fn on_machine(machine: Machine, image: &Path, limit: Duration, show: bool) -> Re
     let run = qemu::run(machine, image, limit)?;
     let lines = log::decode(&elf, &run.output).with_context(|| machine.title)?;
     if show {
-        lines.iter().for_each(|line| println!("{}: {line}", machine.name));
+        lines.iter().for_each(|line| say(&format!("{}: {line}", machine.name)));
     }
     if run.status != 0 {
         let last = lines.last().map_or("nothing was logged", String::as_str);
         bail!("{}: the image exited with {}: {last}", machine.title, run.status);
     }
-    eprintln!("{}: {} requests in {:.1} s", machine.title, twin::REQUESTS, run.elapsed.as_secs_f64());
+    remark(&format!("{}: {} requests in {:.1} s", machine.title, twin::REQUESTS, run.elapsed.as_secs_f64()));
     Report::read(&lines).with_context(|| machine.title)
 }
 
@@ -162,23 +157,25 @@ fn summary(options: &Options, desktop: &[Digest], machines: &[(Machine, Report)]
 
     let static_bytes = image::static_ram_bytes(&check)?;
     let ram_bytes = high_water as u64 + generator_bytes as u64 + static_bytes;
-    println!("stack {stack_bytes} bytes (painted)");
-    println!("arena {high_water} bytes (painted), {used} taken by the largest request");
-    println!("RAM {ram_bytes} bytes: arena, generator {generator_bytes}, static data of the runtime {static_bytes}");
-    println!(
+    say(&format!("stack {stack_bytes} bytes (painted)"));
+    say(&format!("arena {high_water} bytes (painted), {used} taken by the largest request"));
+    say(&format!(
+        "RAM {ram_bytes} bytes: arena, generator {generator_bytes}, static data of the runtime {static_bytes}"
+    ));
+    say(&format!(
         "code {text_bytes} bytes in the twin image, {runtime_text_bytes} of the runtime alone (.text + .rodata, no model)"
-    );
-    println!("multiply-adds: {fused} fused, {chained} chained (those round twice, as written)");
-    println!("panic sites: {}", sites.len());
+    ));
+    say(&format!("multiply-adds: {fused} fused, {chained} chained (those round twice, as written)"));
+    say(&format!("panic sites: {}", sites.len()));
     for site in &sites {
-        println!("  {} calls {}", site.caller, site.callee);
+        say(&format!("  {} calls {}", site.caller, site.callee));
     }
     let hash = |digests: &[Digest]| format!("{:016x}", twin::combine(digests));
-    println!("desktop {}", hash(desktop));
+    say(&format!("desktop {}", hash(desktop)));
     for (machine, report) in machines {
-        println!("{:<7} {}", machine.name, hash(&report.digests));
+        say(&format!("{:<7} {}", machine.name, hash(&report.digests)));
     }
-    println!("{}", if equal { "every bit is equal" } else { "the machines DIFFER" });
+    say(if equal { "every bit is equal" } else { "the machines DIFFER" });
     if options.json {
         let mut object = json!({
             "requests": desktop.len(),
@@ -196,7 +193,7 @@ fn summary(options: &Options, desktop: &[Digest], machines: &[(Machine, Report)]
         for (machine, report) in machines {
             object[machine.name] = hash(&report.digests).into();
         }
-        println!("{object}");
+        say(&object.to_string());
     }
     if high_water != used {
         bail!("the painted arena shows {high_water} bytes, the largest request says it took {used}");

@@ -2,10 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::checkpoint::config::parse;
 use crate::checkpoint::error::{ErrorKind, Result};
 
 /// Word of the unconditional prompt, id 0.
-pub const NONE: &str = "<none>";
+pub const UNCONDITIONAL: &str = "<none>";
 /// Word that stands for every word outside the vocabulary, id 1.
 pub const UNKNOWN: &str = "<unknown>";
 /// Rows of the table of times.
@@ -103,7 +104,7 @@ pub(in crate::checkpoint) fn check_positive(key: &str, value: f64) -> Result<()>
 /// Sizes and provenance of a prior (text encoder and planner).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PriorConfig {
-    /// Words in the order of their ids, [`NONE`] and [`UNKNOWN`] first.
+    /// Words in the order of their ids, [`UNCONDITIONAL`] and [`UNKNOWN`] first.
     pub vocabulary: Vec<String>,
     /// Longest prompt, words.
     pub max_words: usize,
@@ -152,11 +153,7 @@ impl PriorConfig {
     /// # Errors
     /// [`ErrorKind::Option`] when the JSON is broken or a value is out of range.
     pub fn from_json(text: &str) -> Result<Self> {
-        let config: Self = serde_json::from_str(text).map_err(|e| ErrorKind::Option {
-            key: "config".into(),
-            value: e.to_string(),
-            expected: "the JSON object that motionette-train writes".into(),
-        })?;
+        let config: Self = parse(text)?;
         config.check()?;
         Ok(config)
     }
@@ -189,13 +186,13 @@ impl PriorConfig {
             |value: String, expected: String| Err(ErrorKind::Option { key: "vocabulary".into(), value, expected });
         let words = &self.vocabulary;
         if words.len() > MAX_ROWS
-            || words.first().map(String::as_str) != Some(NONE)
+            || words.first().map(String::as_str) != Some(UNCONDITIONAL)
             || words.get(1).map(String::as_str) != Some(UNKNOWN)
         {
             let start = words.iter().take(2).cloned().collect::<Vec<_>>().join(", ");
             return refuse(
                 format!("{} words that begin with {start:?}", words.len()),
-                format!("{NONE}, {UNKNOWN}, then at most {} others", MAX_ROWS - 2),
+                format!("{UNCONDITIONAL}, {UNKNOWN}, then at most {} others", MAX_ROWS - 2),
             );
         }
         let mut seen = std::collections::HashSet::new();

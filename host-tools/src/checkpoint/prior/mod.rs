@@ -7,7 +7,9 @@ pub(super) mod config;
 
 use std::path::Path;
 
-pub use config::{Activation, BOUNDARIES, Form, MAX_WORD, NONE, NormOrder, PriorConfig, Sizes, TIMES, UNKNOWN};
+pub use config::{
+    Activation, BOUNDARIES, Form, MAX_WORD, NormOrder, PriorConfig, Sizes, TIMES, UNCONDITIONAL, UNKNOWN,
+};
 
 use sha2::{Digest, Sha256};
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use motionette::generation::tokens::Planning;
 use motionette_link::message::{Command, Generate, Hello, Length, Refinement, Status};
@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use super::{Interrupt, Session, broken_off, model, report, rest};
 use crate::anchors_file;
+use crate::cli::generate_args::frames_of;
 use crate::cli::{bar, say};
 use crate::device::Error;
 
@@ -115,22 +116,13 @@ impl Cmd {
         let text = self.text.as_str().try_into().map_err(|_| Error::LongText { bytes })?;
         let length = match self.seconds {
             None => Length::Predicted,
-            Some(seconds) => {
-                let rate = f64::from(model.frame_rate);
-                let longest = f64::from(model.frames) / rate;
-                // A hair of room for seconds that are no binary fraction.
-                let frames = (seconds * rate - 1e-6).ceil();
-                ensure!(
-                    seconds.is_finite() && frames >= 1.0 && seconds <= longest + 1e-6,
-                    "a motion of {seconds} s cannot be made, this device makes up to {longest} s; give --seconds in between"
-                );
-                Length::Frames(frames as u16)
-            }
+            Some(seconds) => Length::Frames(frames_of(seconds, model.frame_rate, model.frames.into(), "device")?),
         };
-        let anchors = self.anchors.as_deref().map(anchors_file::read).transpose().context("reading the anchors")?;
-        let anchors = anchors.unwrap_or_default();
+        let read = |path| anchors_file::read(path, model.frame_rate);
+        let anchors = self.anchors.as_deref().map(read).transpose().context("reading the anchors")?.unwrap_or_default();
         // How long the motion becomes is known to the device alone; it is no longer than this.
-        anchors_file::check(&anchors, usize::from(model.frames)).context("checking the anchors")?;
+        anchors_file::check_at(&anchors, usize::from(model.frames), model.frame_rate)
+            .context("checking the anchors")?;
         let count = anchors.len();
         let mut wire = heapless::Vec::new();
         for anchor in anchors {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use motionette_host::console::remark;
 use motionette_host::dataset::Dataset;
 use serde_json::json;
 
@@ -91,7 +92,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         Ok(state)
     })?;
-    eprintln!(
+    remark(&format!(
         "{} motions with their mirrored twins; {} trainable parameters beside {} frozen ones of the prior {} and {} of the tokenizer {}",
         training.motions(),
         state.optimizer.values.len(),
@@ -99,12 +100,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &sources.prior[..12],
         frozen.tokenizer.parameters.len(),
         &sources.decoder[..12],
-    );
+    ));
     let corpora = Corpora { training, held_out: material.held_out()?, measured: args.validate };
     let mut run = Run::new(Trainer::new(&config, &frozen, corpora), state)?;
     let evaluation = run.train(&args.options, args.length)?;
     sources.check_frozen(&frozen)?;
-    eprintln!("the frozen weights are what they were: prior {}, decoder {}", sources.prior, sources.decoder);
+    remark(&format!("the frozen weights are what they were: prior {}, decoder {}", sources.prior, sources.decoder));
     let facts = json!({"frozen": sources, "validation": evaluation.report});
     finish(args.options.json, &run.facts(&args.options, facts))
 }

@@ -10,7 +10,7 @@ use super::config::Config;
 use super::frozen::Frozen;
 use super::model::{Anchored, Scaffold};
 use super::state::layout;
-use crate::prior::captions::{NONE, Vocabulary};
+use crate::prior::captions::{UNCONDITIONAL, Vocabulary};
 use crate::prior::model::{self, Example};
 use crate::prior::training::values;
 use crate::tokenizer::config::{FPS, FRAMES_PER_TOKEN};
@@ -91,11 +91,11 @@ impl Planner {
             };
             values(&model::forward(a, &self.prior, &[example], guest, Dropout::off()).tokens)
         };
-        let said = if words.is_empty() { vec![NONE] } else { words };
+        let said = if words.is_empty() { vec![UNCONDITIONAL] } else { words };
         let logits = |z: &[u16], time: f64| {
             let mut logits = pass(&said, z, time, true);
             if guidance != 1.0 {
-                let without = pass(&[NONE], z, time, false);
+                let without = pass(&[UNCONDITIONAL], z, time, false);
                 for (with, without) in logits.iter_mut().zip(without) {
                     *with = without + guidance * (*with - without);
                 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, ensure};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::file_hash;
+use motionette_host::console::remark;
 use motionette_host::dataset::{Dataset, Split};
 use motionette_host::motion::features::{Bones, Options, extract};
 use motionette_host::motion::mirror::mirror_joints;
@@ -133,7 +134,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     let seeds = args.seeds.unwrap_or(5);
     ensure!(seeds >= 2, "--seeds {seeds}: the prior's table compares motions of one caption, give 2 or more");
-    eprintln!("tokens of the training split");
+    remark("tokens of the training split");
     let training = training_tokens(&dataset, &codec);
     let mut files = vec![&args.data, &args.evaluator, &args.tokenizer];
     let mut generators: Vec<(&str, Box<Generate<'_>>)> = Vec::new();
@@ -155,7 +156,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         seeds,
     };
     let limit = args.limit.map_or(usize::MAX, |count| usize::try_from(count).unwrap_or(usize::MAX));
-    let tables = bench.tables(limit, &|text| eprintln!("{text}"))?;
+    let tables = bench.tables(limit, &remark)?;
     let facts = Facts {
         seeds,
         files: hashes(&files)?,
@@ -163,7 +164,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         generation: args.generation.facts(),
     };
     report::save(&args.out, &tables, &facts)?;
-    eprintln!("{}", args.out.join("prior.md").display());
+    remark(&args.out.join("prior.md").display().to_string());
     finish(args.json, &report::json(&tables, &facts))
 }
 
@@ -204,7 +205,7 @@ fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> any
     let store = Store::open(&args.store)?;
     let mut bench =
         Bench { judge, yardstick, real, blob: &blob, identity, planners, generation: args.generation, store };
-    let course = Course { seeds, say: &|text| eprintln!("{text}") };
+    let course = Course { seeds, say: &remark };
     let (name, title, entries) = match args.table {
         Table::Prior => return Ok(()),
         Table::Frontier => ("frontier", "What refinement makes of anchors", bench.frontier(&course)?),
@@ -229,7 +230,7 @@ fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> any
     };
     let page = Page { name, title, notes, entries: &entries, facts: &facts };
     page.save(&args.out, args.table == Table::Frontier)?;
-    eprintln!("{}", args.out.join(format!("{name}.md")).display());
+    remark(&args.out.join(format!("{name}.md")).display().to_string());
     finish(args.json, &page.json())
 }
 

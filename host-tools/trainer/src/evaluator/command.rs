@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use motionette_host::console::{remark, say};
 use motionette_host::dataset::{Dataset, Split};
 use serde_json::json;
 
@@ -41,13 +42,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(path) = &args.evaluate {
         let judge = Judge::load(path)?;
         let metrics = figures(&judge, &dataset, &[Split::Val, Split::Test])?;
-        println!("{metrics}");
+        say(&metrics.to_string());
         return finish(options.json, &json!({"checkpoint": path, "steps": judge.steps(), "metrics": metrics}));
     }
     let config = Config::default();
     let config = options.configured(Config { steps: args.steps.unwrap_or(config.steps), ..config })?;
     let trainer = Trainer::new(&config, &dataset)?;
-    eprintln!("{} motions with their mirrored twins", trainer.corpus().motions());
+    remark(&format!("{} motions with their mirrored twins", trainer.corpus().motions()));
     let sources = DatasetHash { data_hash: dataset.hash.clone() };
     let state = options.state(&config, &sources, || Ok(trainer.begin(&config)))?;
     let length = Length { steps: Some(config.steps), minutes: None };

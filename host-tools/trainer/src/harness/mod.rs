@@ -32,4 +32,4 @@ pub use error::Error;
 pub use options::{Length, Options};
 pub use run::Run;
 pub use state::{State, Update};
-pub use training::{Means, Training};
+pub use training::{EvaluationOf, Means, Training};

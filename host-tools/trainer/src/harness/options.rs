@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use motionette_host::console::say;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -131,10 +132,10 @@ fn changed<C: Serialize + DeserializeOwned>(config: &C, change: &str) -> anyhow:
 /// Prints `facts` on the last line when they are asked for.
 ///
 /// # Errors
-/// None today; the signature lets commands end with it.
+/// None today; the signature lets commands end with it. That a line could not be written says [`motionette_host::console::finish`].
 pub fn finish(json: bool, facts: &Value) -> anyhow::Result<()> {
     if json {
-        println!("{facts}");
+        say(&facts.to_string());
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use std::io::IsTerminal;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use motionette_host::console::remark;
 
 /// A bar on a terminal; lines alone elsewhere.
 pub struct Progress {
@@ -32,7 +33,7 @@ impl Progress {
     pub fn line(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.println(text),
-            None => eprintln!("{text}"),
+            None => remark(text),
         }
     }
 

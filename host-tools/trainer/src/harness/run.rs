@@ -3,10 +3,11 @@
 use std::time::Instant;
 
 use anyhow::Context;
+use motionette_host::console::say;
 use serde_json::{Value, json};
 
 use super::progress::Progress;
-use super::{Configuration, Error, Length, Means, Options, State, Training};
+use super::{Configuration, Error, EvaluationOf, Length, Means, Options, State, Training};
 use crate::schedule::Plan;
 
 /// A training and the state of its run.
@@ -16,9 +17,6 @@ pub struct Run<T: Training> {
     /// What the steps are made with.
     pub training: T,
 }
-
-/// Figures of an evaluation of a training.
-type EvaluationOf<T> = <<T as Training>::Config as Configuration>::Evaluation;
 
 impl<T: Training> Run<T> {
     /// A run that goes on from `state`.
@@ -60,7 +58,7 @@ impl<T: Training> Run<T> {
         progress.finish();
         let steps = self.state.step;
         let evaluation = self.keep(options, true)?.ok_or(Error::TooShort { steps })?;
-        println!("{evaluation}");
+        say(&evaluation.to_string());
         Ok(evaluation)
     }
 

@@ -31,11 +31,7 @@ pub trait Training {
     ///
     /// # Errors
     /// When the data cannot be measured.
-    fn evaluate(
-        &self,
-        state: &State<Self::Config>,
-        finished: bool,
-    ) -> Result<Option<<Self::Config as Configuration>::Evaluation>, Self::Error>;
+    fn evaluate(&self, state: &State<Self::Config>, finished: bool) -> Result<Option<EvaluationOf<Self>>, Self::Error>;
 
     /// Writes the averaged weights as a checkpoint, whole or not at all, with their figures inside.
     ///
@@ -44,10 +40,13 @@ pub trait Training {
     fn save(
         &self,
         state: &State<Self::Config>,
-        evaluation: &<Self::Config as Configuration>::Evaluation,
+        evaluation: &EvaluationOf<Self>,
         path: &Path,
     ) -> Result<(), Self::Error>;
 }
+
+/// Figures of an evaluation of a training.
+pub type EvaluationOf<T> = <<T as Training>::Config as Configuration>::Evaluation;
 
 /// Sums over the steps since the last point of the curves.
 pub trait Means<Step, Point>: Default {

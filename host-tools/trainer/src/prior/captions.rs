@@ -8,7 +8,7 @@ use motionette_host::dataset::ClipView;
 use crate::random::Random;
 
 /// Id of the empty prompt, the unconditional side of guidance.
-pub const NONE: usize = 0;
+pub const UNCONDITIONAL: usize = 0;
 /// Id of every word that the vocabulary lacks.
 pub const UNKNOWN: usize = 1;
 

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use motionette_host::checkpoint::prior::codebook_hash;
+use motionette_host::console::remark;
 use motionette_host::dataset::Dataset;
 use serde_json::json;
 
@@ -58,13 +59,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let max_words = config.architecture.max_words;
     let material = Material { dataset: &dataset, tokenizer: &tokenizer, words, max_words };
     let training = material.training()?;
-    eprintln!(
+    remark(&format!(
         "{} motions with their mirrored twins, {} tokens, {} words, {} parameters",
         training.motions(),
         training.tokens(),
         sources.vocabulary.len(),
         state.optimizer.values.len(),
-    );
+    ));
     let metric = Metric::new(&tokenizer.codebook, codes.code_dim, config.c, config.a);
     let trainer = Trainer::new(sources.layout(&config), training, material.held_out()?, metric);
     let mut run = Run::new(trainer, state)?;

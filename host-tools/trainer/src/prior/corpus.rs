@@ -12,7 +12,7 @@ use motionette_host::reference::recover::{self, CHANNELS};
 use motionette_host::reference::scaffold::{Statistics, VALUES};
 
 use super::Error;
-use super::captions::{NONE, Paraphrases, UNKNOWN, Vocabulary, mirrored};
+use super::captions::{Paraphrases, UNCONDITIONAL, UNKNOWN, Vocabulary, mirrored};
 use super::config::{Config, MAX_TOKENS};
 use super::corruption::Metric;
 use super::model::Example;
@@ -292,7 +292,7 @@ impl<'d> Corpus<'d> {
 
     fn sentence(&self, motion: &Motion, config: &Config, random: &mut Random) -> Vec<usize> {
         if random.unit() < config.text_dropout {
-            return vec![NONE];
+            return vec![UNCONDITIONAL];
         }
         let clip = self.dataset.clip(motion.clip);
         let caption = &clip.info.captions[random.below(clip.info.captions.len())].text;
@@ -304,7 +304,7 @@ impl<'d> Corpus<'d> {
                 *word = UNKNOWN;
             }
         }
-        if words.is_empty() { vec![NONE] } else { words }
+        if words.is_empty() { vec![UNCONDITIONAL] } else { words }
     }
 
     /// Every whole motion of at most [`MAX_TOKENS`] with its first caption, corrupted at time `t`: the same for every call.
@@ -317,7 +317,7 @@ impl<'d> Corpus<'d> {
             let text = &self.dataset.clips[motion.clip].captions[0].text;
             let text = if motion.mirrored { mirrored(text) } else { text.clone() };
             let words = self.words.vocabulary.encode(&text, self.max_words);
-            let words = if words.is_empty() { vec![NONE] } else { words };
+            let words = if words.is_empty() { vec![UNCONDITIONAL] } else { words };
             let end_open = motion.phases[0].len() > MAX_TOKENS;
             let fixed = vec![false; clean.len()];
             let length = (!end_open).then_some(clean.len());

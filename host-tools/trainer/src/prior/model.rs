@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 
-use super::captions::NONE;
+use super::captions::UNCONDITIONAL;
 use super::config::{Architecture, MAX_TOKENS, TIME_BINS};
 use crate::transformer::{Attended, Dropout, Guest, Layout, Rows, Weights, padding};
 
@@ -34,7 +34,7 @@ pub fn layout(a: &Architecture, vocabulary: usize, codes: usize) -> Layout {
 /// What the planner sees of one motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Example {
-    /// Ids of the prompt's words; `[NONE]` for the empty prompt.
+    /// Ids of the prompt's words; `[UNCONDITIONAL]` for the empty prompt.
     pub words: Vec<usize>,
     /// Corrupted tokens.
     pub z: Vec<u16>,
@@ -80,7 +80,7 @@ pub fn forward(
 
     let counts: Vec<usize> = batch.iter().map(|e| e.words.len()).collect();
     let window = counts.iter().copied().max().unwrap_or(1);
-    let ids = padded(batch, window, NONE, |e, i| e.words.get(i), |id| *id);
+    let ids = padded(batch, window, UNCONDITIONAL, |e, i| e.words.get(i), |id| *id);
     let places: Vec<usize> = (0..window).collect();
     let x = weights.rows("text.embedding", &ids).reshape([size, window, text.width])
         + weights.rows("text.position", &places).reshape([1, window, text.width]);

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use motionette_host::console::{remark, say};
 use motionette_host::dataset::Dataset;
 use serde_json::json;
 
@@ -45,7 +46,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(path) = &args.evaluate {
         let checkpoint = Checkpoint::load(path)?;
         let reports = metrics::evaluate(&checkpoint, &dataset, &measured(&dataset))?;
-        print!("{}", metrics::table(&reports));
+        say(metrics::table(&reports).trim_end());
         return finish(options.json, &json!({"checkpoint": path, "steps": checkpoint.steps, "reports": reports}));
     }
     args.length.check()?;
@@ -54,7 +55,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let state = options.state(&config, &sources, || Ok(State::begin(&config, &dataset.hash)))?;
     let trainer = Trainer::new(&config, &dataset)?;
     let corpus = trainer.corpus();
-    eprintln!("{} motions with their mirrored twins, {} frames", corpus.motions(), corpus.frames());
+    remark(&format!("{} motions with their mirrored twins, {} frames", corpus.motions(), corpus.frames()));
     let mut run = Run::new(trainer, state)?;
     let evaluation = run.train(options, args.length)?;
     finish(options.json, &run.facts(options, json!({"reports": evaluation.reports})))

@@ -78,7 +78,7 @@ struct Lengths {
     sizes: Sizes,
 }
 
-/// Bytes of a session by purpose.
+/// PlanningBytes of a session by purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PlanningBytes {
     /// Keys and values of prompts.
@@ -267,7 +267,7 @@ pub struct Session<'m, 'b, 'w> {
 }
 
 impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
-    /// Takes the buffers for motions of up to `tokens` tokens, of whose rows so many pass at a time ([`crate::Limits::rows`]).
+    /// Takes the buffers for motions of up to `tokens` tokens, of whose rows so many pass at a time ([`crate::PlanningLimits::rows`]).
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
