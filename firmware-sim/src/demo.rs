@@ -397,7 +397,7 @@ impl Cmd {
         let Motions { alone, before, after } = motions;
         std::fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot make the folder {}; give another one with --out", self.out.display()))?;
-        let frame_time = 1.0 / 20.0;
+        let frame_time = 1.0 / f64::from(after.frame_rate);
         for (name, motion) in [("before.bvh", &before.joints), ("motion.bvh", &after.joints)] {
             output::write_atomic(self.out.join(name), |file| export::bvh::write_bvh(motion, frame_time, file))?;
         }
@@ -419,7 +419,7 @@ impl Cmd {
         let scene = Scene {
             title: source.name.clone(),
             caption: source.caption.clone(),
-            fps: 20,
+            fps: after.frame_rate,
             frames: after.joints.len(),
             frames_per_token: after.joints.len() / report.tokens.max(1),
             plan: plan.map(|plan| ShownPlan {

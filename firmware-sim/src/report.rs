@@ -21,6 +21,8 @@ pub struct Report {
     pub caption: String,
     /// Frames.
     pub frames: usize,
+    /// Frames a second.
+    pub frame_rate: u16,
     /// Tokens.
     pub tokens: usize,
     /// The prompt; null when tokens were given.
@@ -132,7 +134,12 @@ impl Report {
         let line = |label: &str, value: String| (label.to_owned(), value);
         let mut lines = vec![line(
             "motion",
-            format!("{} tokens, {} frames, {:.2} s", self.tokens, self.frames, self.frames as f64 / 20.0),
+            format!(
+                "{} tokens, {} frames, {:.2} s",
+                self.tokens,
+                self.frames,
+                self.frames as f64 / f64::from(self.frame_rate)
+            ),
         )];
         if let Some(prompt) = &self.prompt {
             lines.push(line("prompt", prompt.clone()));
@@ -194,7 +201,7 @@ impl Report {
     pub fn anchor_lines(&self) -> Vec<(String, String)> {
         let lines = self.anchor_errors.iter().enumerate().map(|(i, anchor)| {
             let errors = self.by_stage((anchor.unconditioned_cm, anchor.before_cm, anchor.after_cm));
-            (format!("anchor {}", i + 1), format!("{}: {errors}", anchor.place()))
+            (format!("anchor {}", i + 1), format!("{}: {errors}", anchor.place(self.frame_rate)))
         });
         lines.collect()
     }
@@ -241,7 +248,7 @@ impl Report {
             for anchor in &self.anchor_errors {
                 let alone = anchor.unconditioned_cm.map_or_else(|| "-".to_owned(), |cm| format!("{cm:.2}"));
                 let AnchorErrors { before_cm, after_cm, .. } = anchor;
-                text += &format!("| {} | {alone} | {before_cm:.2} | {after_cm:.2} |\n", anchor.place());
+                text += &format!("| {} | {alone} | {before_cm:.2} | {after_cm:.2} |\n", anchor.place(self.frame_rate));
             }
         }
         text
@@ -250,8 +257,8 @@ impl Report {
 
 impl AnchorErrors {
     /// What is anchored, and when.
-    fn place(&self) -> String {
-        format!("{} at {:.2} s", self.name, f64::from(self.frame) / 20.0)
+    fn place(&self, frame_rate: u16) -> String {
+        format!("{} at {:.2} s", self.name, f64::from(self.frame) / f64::from(frame_rate))
     }
 }
 
@@ -307,6 +314,7 @@ impl From<&Parts<'_>> for Report {
             clip: parts.clip.to_owned(),
             caption: parts.caption.to_owned(),
             frames: after.joints.len(),
+            frame_rate: after.frame_rate,
             tokens: parts.tokens,
             prompt: parts.prompt.map(str::to_owned),
             unknown_words: parts.unknown_words.clone(),
@@ -322,8 +330,8 @@ impl From<&Parts<'_>> for Report {
             anchor_errors: parts.anchors.iter().map(errors).collect(),
             decoder_evaluations: after.refinement.map_or(0, |r| r.evaluations),
             decoder_gradients: after.refinement.map_or(0, |r| r.gradients),
-            jerk: metrics::jerk(&after.joints, 20.0),
-            jerk_before: metrics::jerk(&before.joints, 20.0),
+            jerk: metrics::jerk(&after.joints, f64::from(after.frame_rate)),
+            jerk_before: metrics::jerk(&before.joints, f64::from(before.frame_rate)),
             foot_skating: metrics::foot_skating(&after.joints, 0.0),
             foot_skating_before: metrics::foot_skating(&before.joints, 0.0),
             du: session::distance(&after.u, &before.u),

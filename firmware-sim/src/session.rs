@@ -45,6 +45,8 @@ impl Observer for Watch {
 pub struct Outcome {
     /// Joint positions, metres.
     pub joints: Vec<[[f32; 3]; JOINTS]>,
+    /// Frames a second.
+    pub frame_rate: u16,
     /// Token embeddings `[L][du]`.
     pub u: Vec<f32>,
     /// Motion tokens `[L][Q]`.
@@ -93,6 +95,7 @@ pub fn run(model: &Model<'_>, request: &Request<'_>, report: fn(&Progress)) -> R
         let decoding = watch.decoding.unwrap_or(ended);
         let refining = watch.refining.unwrap_or(decoding);
         Outcome {
+            frame_rate: model.frame_rate(),
             joints: motion.frames().to_vec(),
             u: motion.u().to_vec(),
             tokens: motion.tokens().to_vec(),

@@ -45,9 +45,10 @@ fn end_of(robot: &Robot) -> EndState {
 
 fn play(robot: &Robot, frames: &[Pose], kinds: &[Kind], seed: u64) -> (usize, Run) {
     let end = READY + frames.len() as u64 * 50_000;
-    let mut events = vec![(0, Event::Release), (READY, Event::Ready { frames: frames.to_vec(), when: When::Then })];
+    let mut events =
+        vec![(0, Event::Release), (READY, Event::Ready { frames: frames.to_vec(), frame_rate: 20, when: When::Then })];
     if kinds.contains(&Kind::Overrun) {
-        events.push((end + 900_000, Event::Ready { frames: frames.to_vec(), when: When::Then }));
+        events.push((end + 900_000, Event::Ready { frames: frames.to_vec(), frame_rate: 20, when: When::Then }));
     }
     let electrical: Vec<Kind> = kinds.iter().copied().filter(|kind| kind.is_electrical()).collect();
     let faults = faults::schedule(&electrical, seed, [READY + 300_000, end]);
@@ -132,7 +133,10 @@ fn orders_work_in_the_middle_of_a_motion_and_of_a_fault() {
     let frames = motion();
     let robot = robot("upper-body");
     let with = |orders: &[(u64, Event)], kinds: &[Kind]| {
-        let mut events = vec![(0, Event::Release), (READY, Event::Ready { frames: frames.clone(), when: When::Then })];
+        let mut events = vec![
+            (0, Event::Release),
+            (READY, Event::Ready { frames: frames.clone(), frame_rate: 20, when: When::Then }),
+        ];
         events.extend_from_slice(orders);
         let faults = faults::schedule(kinds, 5, [900_000, 1_500_000]);
         let run = run(&Scenario { robot: &robot, boot: Boot::default(), events, faults, seed: 5 });
@@ -147,7 +151,7 @@ fn orders_work_in_the_middle_of_a_motion_and_of_a_fault() {
         assert_eq!((resumed.end_state, resumed.motions), (end_of(&robot), [1, 1]));
         let stopped = with(&[(1_000_000, Event::Stop), (2_000_000, Event::Resume)], kinds);
         assert_eq!((stopped.end_state, stopped.motions), (EndState::Holding, [1, 0]));
-        let again = Event::Ready { frames: frames.clone(), when: When::Now };
+        let again = Event::Ready { frames: frames.clone(), frame_rate: 20, when: When::Now };
         let replaced = with(&[(1_000_000, again)], kinds);
         assert_eq!(
             (replaced.end_state, replaced.motions),
@@ -174,7 +178,7 @@ fn a_servo_that_is_silent_or_out_of_range_keeps_the_robot_still_and_is_named() {
     let frames = motion();
     let robot = robot("desk");
     let play = |boot: Boot, faults: Vec<Fault>| {
-        let events = vec![(READY, Event::Ready { frames: frames.clone(), when: When::Then })];
+        let events = vec![(READY, Event::Ready { frames: frames.clone(), frame_rate: 20, when: When::Then })];
         run(&Scenario { robot: &robot, boot, events, faults, seed: 3 })
     };
     let mut pose: Vec<f64> = robot.channels.iter().map(|channel| f64::from(channel.neutral)).collect();
@@ -195,7 +199,7 @@ fn a_servo_that_is_silent_or_out_of_range_keeps_the_robot_still_and_is_named() {
 fn servos_that_cannot_say_where_they_stand_get_no_pulses_before_a_release() {
     let frames = motion();
     let robot = robot("upper-body");
-    let ready = || (READY, Event::Ready { frames: frames.clone(), when: When::Then });
+    let ready = || (READY, Event::Ready { frames: frames.clone(), frame_rate: 20, when: When::Then });
     let scenario = |events, faults| Scenario { robot: &robot, boot: Boot::default(), events, faults, seed: 3 };
     let waiting = run(&scenario(vec![ready()], vec![]));
     assert_eq!((waiting.start, waiting.ready, waiting.motions), (Start::Waiting, None, [0, 0]));

@@ -24,7 +24,9 @@ const READY: u64 = 1_000_000;
 /// Frames of a series' motion.
 const FRAMES: usize = 60;
 /// Microseconds that they last.
-const LASTS: u32 = FRAMES as u32 * 50_000;
+const LASTS: u32 = FRAMES as u32 * 1_000_000 / FRAME_RATE as u32;
+/// Its frames a second.
+const FRAME_RATE: u16 = 20;
 
 /// Start simulated robots again and again, and say what their horns did.
 ///
@@ -162,7 +164,7 @@ impl Series {
             low + (high - low) * f64::from(random.below(1001)) / 1000.0
         };
         let pose: Vec<f64> = robot.channels.iter().map(&mut draw).collect();
-        let ready = |at: u64| (at, Event::Ready { frames: motion.to_vec(), when: When::Then });
+        let ready = |at: u64| (at, Event::Ready { frames: motion.to_vec(), frame_rate: FRAME_RATE, when: When::Then });
         let mut boot = Boot { pose: Vec::new(), held: !self.serial() };
         let (mut events, mut faults) = (Vec::new(), Vec::new());
         let mut brown_out = |random: &mut Stream, from: u64, within: u32| {

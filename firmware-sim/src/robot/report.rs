@@ -232,10 +232,10 @@ impl ShownRobot {
 
 /// The body as the servos moved it, at each frame of the motion's own time.
 #[must_use]
-pub fn body(robot: &Robot, run: &Run, frames: &[Pose]) -> Vec<[[f32; 3]; JOINTS]> {
+pub fn body(robot: &Robot, run: &Run, frames: &[Pose], frame_rate: u16) -> Vec<[[f32; 3]; JOINTS]> {
     let began = run.began.first().copied().unwrap_or(0.0);
     let pose = |(index, pose): (usize, &Pose)| {
-        let time = began + index as f64 / 20.0;
+        let time = began + index as f64 / f64::from(frame_rate);
         let tick = (time * f64::from(robot.tick_rate)).round() as usize;
         // Where the motion was held up, the frame that was shown last stays.
         let shown = run.moments.get(..=tick).unwrap_or(&run.moments);

@@ -36,10 +36,12 @@ const RECOVERY: u64 = 500_000 + AWAKE;
 /// What the firmware's thread does at some time.
 #[derive(Debug, Clone)]
 pub enum Event {
-    /// A motion is ready: joint positions at 20 frames a second.
+    /// A motion is ready.
     Ready {
-        /// The frames, metres.
+        /// Joint positions, metres.
         frames: Vec<Pose>,
+        /// Frames a second.
+        frame_rate: u16,
         /// When it is to begin.
         when: When,
     },
@@ -333,8 +335,8 @@ impl<'a> Bench<'a> {
                 self.without_firmware(robot, due, due + REBOOT, period);
                 break true;
             }
-            while let Some(Event::Ready { frames, when }) = waiting.first() {
-                if feeder.play_frames(frames, 20, *when).is_err() {
+            while let Some(Event::Ready { frames, frame_rate, when }) = waiting.first() {
+                if feeder.play_frames(frames, *frame_rate, *when).is_err() {
                     break;
                 }
                 waiting.remove(0);

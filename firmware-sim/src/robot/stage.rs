@@ -58,9 +58,12 @@ impl Stage<'_> {
         if self.faults.contains(&Kind::Arena) {
             firmware::in_too_small_an_arena(self.model, self.request, &mut boot)?;
         }
-        let end = READY + self.frames.len() as u64 * 50_000;
-        let mut events =
-            vec![(0, Event::Release), (READY, Event::Ready { frames: self.frames.to_vec(), when: When::Then })];
+        let frame_rate = self.model.frame_rate();
+        let end = READY + self.frames.len() as u64 * 1_000_000 / u64::from(frame_rate);
+        let mut events = vec![
+            (0, Event::Release),
+            (READY, Event::Ready { frames: self.frames.to_vec(), frame_rate, when: When::Then }),
+        ];
         let electrical: Vec<Kind> = self.faults.iter().copied().filter(|kind| kind.is_electrical()).collect();
         let mut faults = faults::schedule(&electrical, self.seed, [READY + 300_000, end.max(READY + 600_000)]);
         for &kind in self.faults.iter().filter(|kind| !kind.is_electrical()) {
@@ -76,7 +79,7 @@ impl Stage<'_> {
                 frames.len(),
                 OVERDUE / 1000
             ));
-            events.push((end + OVERDUE, Event::Ready { frames, when: When::Then }));
+            events.push((end + OVERDUE, Event::Ready { frames, frame_rate, when: When::Then }));
         }
         let run: Run = simulation::run(&Scenario {
             robot: self.robot,
@@ -88,7 +91,7 @@ impl Stage<'_> {
         Ok(Played {
             report: RobotReport::new(self, &run, &boot, &faults),
             shown: ShownRobot::new(self.robot, &run, &faults),
-            body: report::body(self.robot, &run, self.frames),
+            body: report::body(self.robot, &run, self.frames, frame_rate),
         })
     }
 }
