@@ -103,6 +103,7 @@ fn every_reply_there_and_back() {
         Failure::Aborted,
         Failure::Solver,
         Failure::Unknown,
+        Failure::NotLinked { feature: Feature::new("refining") },
     ];
     let updates = [
         UpdateFault::Length { length: u32::MAX, limit: u32::MAX },

@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use super::Feature;
 use motionette::AnchorError;
 use motionette::Error;
 use motionette::PlanningError;
@@ -96,6 +97,11 @@ pub enum Failure {
     Solver,
     /// A failure that this version of the protocol has no word for.
     Unknown,
+    /// The request needs a family that the firmware was built without: a cargo feature of the runtime.
+    NotLinked {
+        /// The feature.
+        feature: Feature,
+    },
 }
 
 fn number(value: usize) -> u32 {
@@ -112,6 +118,7 @@ impl From<Error> for Failure {
             Error::Planning(e) => e.into(),
             Error::Anchors(e) => e.into(),
             Error::Solver(_) => Failure::Solver,
+            Error::NotLinked { feature } => Failure::NotLinked { feature: Feature::new(feature) },
             Error::Aborted => Failure::Aborted,
             _ => Failure::Unknown,
         }
@@ -196,6 +203,12 @@ impl fmt::Display for Failure {
             }
             Failure::Aborted => write!(f, "the work was given up"),
             Failure::Solver => write!(f, "the refinement failed"),
+            Failure::NotLinked { feature } => {
+                write!(
+                    f,
+                    "the request needs cargo feature {feature} of the runtime, which the firmware was built without"
+                )
+            }
             Failure::Unknown => write!(f, "the runtime failed for a reason this protocol has no word for"),
         }
     }
