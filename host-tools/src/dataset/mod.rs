@@ -10,6 +10,7 @@
 pub mod captioned;
 mod digest;
 mod error;
+mod facts;
 mod store;
 #[cfg(test)]
 mod tests;
@@ -19,6 +20,7 @@ use std::collections::HashSet;
 use serde::{Deserialize, Serialize};
 
 pub use error::Error;
+pub use facts::{Facts, Quality, Side};
 
 use crate::motion::{FEATURES, JOINTS, Pose};
 

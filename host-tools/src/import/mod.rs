@@ -1,5 +1,6 @@
 //! Recordings in, dataset out; constraint files in, anchors out.
 
+pub mod actions;
 pub mod bvh;
 pub mod captions;
 pub mod collect;
