@@ -58,6 +58,9 @@ pub struct Subset {
     /// Whether a model card can state its terms.
     #[serde(default = "yes")]
     pub card: bool,
+    /// Left out of every import.
+    #[serde(default)]
+    pub withdrawn: bool,
 }
 
 fn yes() -> bool {

@@ -8,6 +8,7 @@ pub mod humanml;
 pub mod kimodo;
 pub mod npy;
 pub mod pack;
+pub mod packs;
 pub mod recordings;
 mod summary;
 

@@ -152,6 +152,7 @@ pub fn dataset(clips: usize, frames: usize) -> Dataset {
                 source: "test".into(),
             }],
             labels: serde_json::Value::Null,
+            facts: None,
             hash: String::new(),
         };
         builder.push(clip, &processed.joints, &processed.features).expect("the figure is finite");
