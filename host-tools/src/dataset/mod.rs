@@ -102,7 +102,23 @@ pub struct Clip {
     pub hash: String,
 }
 
+/// What motions have in common that can follow one another, and whose sentences can stand for one another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Label<'c> {
+    /// Action.
+    pub action: &'c str,
+    /// Its side.
+    pub side: Side,
+    /// Style, where there is one.
+    pub style: Option<&'c str>,
+}
+
 impl Clip {
+    /// Action, side and style; none without an action.
+    pub fn label(&self) -> Option<Label<'_>> {
+        Some(Label { action: self.action()?, side: self.side(), style: self.style() })
+    }
+
     /// The action: of the facts, else the label `content`.
     pub fn action(&self) -> Option<&str> {
         self.facts.as_ref().map_or_else(|| self.labels.get("content")?.as_str(), |facts| Some(&facts.action))
