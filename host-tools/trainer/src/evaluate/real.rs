@@ -26,6 +26,9 @@ pub const SHORT_TOKENS: usize = 25;
 pub struct Report {
     /// Number of clips.
     pub clips: usize,
+    /// Share whose actor is, or may be, in the training split; null where the dataset does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub known_actor: Option<f64>,
     /// Share whose action is named right.
     pub action_accuracy: f64,
     /// Share whose style is named right, of those that have one; 0 when none has.
@@ -46,7 +49,8 @@ impl fmt::Display for Report {
             f,
             "{} clips, action {:.3}, style {:.3}, R-precision {:.3} {:.3} {:.3}, distance {:.3}",
             self.clips, self.action_accuracy, self.style_accuracy, self.top1, self.top2, self.top3, self.mm_dist
-        )
+        )?;
+        self.known_actor.map_or(Ok(()), |share| write!(f, ", {:.0} % known actors", 100.0 * share))
     }
 }
 
@@ -83,8 +87,12 @@ pub fn measure(judge: &Judge, dataset: &Dataset, split: Split) -> Result<Report,
     let right_style =
         prompts.iter().zip(&judgements).filter(|(p, judged)| p.style.as_deref() == Some(judged.style)).count();
     let [top1, top2, top3] = hits.map(|count| count as f64 / (ROUNDS as usize * clips) as f64);
+    let facts = prompts.iter().filter_map(|prompt| dataset.clips[prompt.clip].facts.as_ref());
+    let told = facts.clone().count();
+    let known = facts.filter(|facts| facts.known_actor).count();
     Ok(Report {
         clips,
+        known_actor: (told > 0).then(|| known as f64 / told as f64),
         action_accuracy: share(&|i| prompts[i].content == judgements[i].content),
         style_accuracy: right_style as f64 / styled.max(1) as f64,
         top1,

@@ -156,6 +156,28 @@ fn prompts_are_of_scored_actions_with_and_without_a_style() {
 }
 
 #[test]
+fn real_motion_is_measured_with_the_share_of_known_actors() {
+    let plain = evaluator::dataset(24, 60);
+    let judge = evaluator::judge(&plain, 2);
+    let report = real::measure(&judge, &plain, Split::Test).unwrap();
+    assert!(report.known_actor.is_none() && !report.to_string().contains("known"));
+    let dataset = testing::with_facts(&plain, |info| dataset::Facts {
+        action: info.action().unwrap().to_owned(),
+        style: info.style().filter(|style| *style == "calm").map(str::to_owned),
+        known_actor: info.id != "figure5",
+        ..testing::facts()
+    });
+    let told = real::measure(&judge, &dataset, Split::Test).unwrap();
+    assert_eq!((told.clips, told.known_actor), (4, Some(0.75)));
+    assert!(told.to_string().ends_with("75 % known actors"), "{told}");
+    assert_eq!(told.action_accuracy, report.action_accuracy);
+    // Half of the clips have a style now; it is right for all of them or for none.
+    let calm = prompts(&dataset, Split::Test).into_iter().filter(|prompt| prompt.style.is_some());
+    let right = calm.clone().filter(|p| judge.motion(dataset.clip(p.clip).joints).unwrap().style == "calm").count();
+    assert_eq!(told.style_accuracy, right as f64 / calm.count() as f64);
+}
+
+#[test]
 fn styles_count_where_a_prompt_has_one() {
     let (mut yardstick, sample) = example(0.3);
     let members: Vec<usize> = (0..240).collect();
