@@ -212,6 +212,10 @@ fn withdrawn_subsets_are_left_out() {
     assert!(imported.summary.notes.iter().any(|note| note.text.contains("gone is withdrawn")));
     let less = import(&Request { withdraw: vec!["a".into(), "s2".into()], ..request.clone() });
     assert!(less.dataset.clips.iter().all(|clip| clip.subset == "s1") && less.dataset.clips.len() == 24);
+    for clip in &less.dataset.clips {
+        let before = imported.dataset.clips.iter().find(|other| other.id == clip.id).unwrap();
+        assert_eq!(clip.split, before.split, "{}: the split of a subset does not depend on the others", clip.id);
+    }
     let wrong = packs::import(&Request { withdraw: vec!["b".into()], ..request }, &|_, _| ()).unwrap_err();
     assert!(matches!(wrong, packs::Error::Subset { ref subset, .. } if subset == "b"), "{wrong}");
 }
@@ -431,6 +435,13 @@ fn the_real_packs_make_one_dataset() {
         assert!((0.03..0.16).contains(&(val as f64 / (train + val) as f64)), "{subset}: {train} {val}");
     }
     assert_eq!(row(&imported, "kinect-only actions").quality, "kinect");
+    let splits: BTreeMap<&str, Split> =
+        imported.dataset.clips.iter().map(|clip| (clip.id.as_str(), clip.split)).collect();
+    let withdraw = ["bnr", "mhad", "hdm05", "kinder", "utd", "ase"].map(str::to_owned).to_vec();
+    let open = import(&Request { withdraw, ..request });
+    let subsets: BTreeSet<&str> = open.dataset.clips.iter().map(|clip| clip.subset.as_str()).collect();
+    assert_eq!(subsets, BTreeSet::from(["accad", "cmu1", "cmu2", "cmu8"]));
+    assert!(open.dataset.clips.iter().all(|clip| splits[clip.id.as_str()] == clip.split));
     assert!(imported.report.cut.iter().all(|cut| 3 * (cut.to - cut.from) >= 2 * cut.frames));
     for action in &imported.report.actions {
         let sides = if action.name.contains("left") || action.name.contains("right") { 2 } else { 1 };

@@ -6,8 +6,9 @@
 //! 2. **Broken frames**: see [`longest_slow_run`].
 //! 3. **Action and side**: what the raw label (`labels.content`, else `action`, else `cmu_description`) means in the table of actions.
 //! 4. **Validation split**: training clips of the subset's `val_actor`; in subsets that name none and come without validation clips,
-//!    [`VAL_SHARE`] of the takes, in the order of a hash of their names, without those that an action needs to be scored. A take is a
-//!    trial of CMU, else a clip with its windows (`_w0`, `_w1`, ...).
+//!    [`VAL_SHARE`] of the takes, in the order of a hash of their names, without those that would leave an action of theirs with
+//!    fewer than [`LEAST_SCORED`] training clips of the subset. A take is a trial of CMU, else a clip with its windows (`_w0`, `_w1`, ...).
+//!    So the split of a subset does not depend on which others are there.
 //! 5. **Features** on the uniform skeleton, so that bones of every source are rigid and of the same lengths.
 //!
 //! Actions with fewer than [`LEAST_SCORED`] training clips, those of the mirror image counted, are marked as not scored. An actor is known
@@ -354,13 +355,13 @@ fn cut_val(table: &Actions, taken: &mut [Taken]) {
             clip.recording.clip.split = Split::Val;
         }
     }
-    let mut left = training_clips(taken.iter());
     for (subset, source) in &table.subsets {
         let of_subset = |clip: &Taken| clip.recording.clip.subset == *subset;
         let has_val = taken.iter().any(|clip| of_subset(clip) && clip.recording.clip.split == Split::Val);
         if source.val_actor.is_some() || has_val {
             continue;
         }
+        let mut left = training_clips(taken.iter().filter(|clip| of_subset(clip)));
         // The actions of every take, one entry a clip.
         let mut takes: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
         for clip in taken.iter().filter(|clip| of_subset(clip) && is_train(clip)) {
