@@ -45,6 +45,7 @@ impl Bench {
                 fps_source: 20.0,
                 captions: Vec::new(),
                 labels: Value::Null,
+                facts: None,
                 hash: String::new(),
             };
             builder.push(clip, &joints, &features).expect("rows of a motion");

@@ -9,8 +9,9 @@ use serde_json::{Value, json};
 use super::{RecordingOptions, bar, say};
 use crate::anchors_file;
 use crate::dataset::{Dataset, Split};
+use crate::import::actions::Actions;
 use crate::import::collect::SplitChoice;
-use crate::import::{Note, Summary, humanml, kimodo, pack, recordings};
+use crate::import::{Note, Summary, humanml, kimodo, pack, packs, recordings};
 use crate::motion::features::{Bones, Options};
 
 /// Reads recordings and writes one dataset file: joints, features, captions, splits, hashes. Reads other programs' constraints and writes
@@ -64,13 +65,25 @@ fn split(name: &str) -> Result<SplitChoice, String> {
     }
 }
 
-/// The motion-capture pack: a folder with clips.jsonl and joints.safetensors.
+/// Motion-capture packs: folders with clips.jsonl and joints.safetensors.
+///
+/// One pack is taken as it is. With --actions one or more packs become one dataset: canonical actions and sides, broken frames left out,
+/// a validation split, quality, licence and actor of every clip, and a table by subset.
 ///
 /// Example: motionette import pack ../shared/mocap -o data/pack.mds
+///
+/// Example: motionette import pack ../shared/mocap ../shared/mocap2 --actions docs/actions.toml --withdraw kinder,utd,ase -o data/pack2.mds
 #[derive(Debug, Args)]
 struct Pack {
-    /// The folder.
-    folder: PathBuf,
+    /// The folders.
+    #[arg(required = true)]
+    folders: Vec<PathBuf>,
+    /// Table of actions and sources (docs/data.md describes it).
+    #[arg(long, value_name = "FILE")]
+    actions: Option<PathBuf>,
+    /// Leave out these subsets, beside those that the table withdraws.
+    #[arg(long, value_name = "SUBSETS", value_delimiter = ',', requires = "actions")]
+    withdraw: Vec<String>,
     #[command(flatten)]
     common: Common,
 }
@@ -180,8 +193,24 @@ impl Cmd {
             bar.inc(done as u64);
         };
         let (common, (dataset, summary)) = match self.source {
-            Source::Pack(Pack { folder, common }) => {
-                let result = pack::import(&folder, common.shortest as usize, &common.options(), &progress)
+            Source::Pack(Pack { folders, actions: Some(actions), withdraw, common }) => {
+                if common.keep_bones {
+                    bail!("--keep-bones does not go with --actions: the bodies of several sources become one");
+                }
+                let actions = Actions::read(&actions)?;
+                let request = packs::Request { folders, actions, withdraw, shortest: common.shortest as usize };
+                let imported = packs::import(&request, &progress)?;
+                bar.finish_and_clear();
+                let mut result = common.finish(&imported.dataset, &imported.summary)?;
+                print(&imported.report);
+                result["report"] = json!(imported.report);
+                return Ok(result);
+            }
+            Source::Pack(Pack { folders, common, .. }) => {
+                let [folder] = folders.as_slice() else {
+                    bail!("several packs name their actions differently; give --actions docs/actions.toml");
+                };
+                let result = pack::import(folder, common.shortest as usize, &common.options(), &progress)
                     .with_context(|| format!("importing the pack in {}", folder.display()))?;
                 (common, result)
             }
@@ -206,6 +235,34 @@ impl Cmd {
         bar.finish_and_clear();
         common.finish(&dataset, &summary)
     }
+}
+
+/// The table by subset, and the actions that are not scored.
+fn print(report: &packs::Report) {
+    for packs::Cut { id, from, to, frames } in &report.cut {
+        let limit = packs::FASTEST;
+        say(&format!("cut {id}: frames {from}..{to} of {frames} kept, in others a joint is faster than {limit} m/s"));
+    }
+    say(&format!(
+        "\n{:20} {:>5} {:>6} {:>5} {:>4} {:>4} {:>5} {:>7} {:>6} {:>7} {:>7}  quality, licence (*: no card can state it)",
+        "subset", "clips", "hours", "train", "val", "test", "known", "skating", "jerk", "contact", "dropped"
+    ));
+    for row in &report.rows {
+        let packs::Row { name, quality, licence, card, clips, train, val, test, known_actor, .. } = row;
+        let comma = if licence.is_empty() { "" } else { ", " };
+        let star = if *card { "" } else { " *" };
+        let dropped = format!("{}/{}", row.clips_dropped, row.frames_dropped);
+        say(&format!(
+            "{name:20} {clips:5} {:6.3} {train:5} {val:4} {test:4} {known_actor:5} {:7.3} {:6.1} {:7.3} {dropped:>7}  \
+             {quality}{comma}{licence}{star}",
+            row.hours, row.skating, row.jerk, row.contact
+        ));
+    }
+    say("known: clips of val and test whose actor is, or may be, in train; dropped: clips/frames");
+    let scored = report.actions.iter().filter(|action| action.scored).count();
+    let rest: Vec<String> =
+        report.actions.iter().filter(|a| !a.scored).map(|a| format!("{} ({})", a.name, a.train)).collect();
+    say(&format!("{scored} actions are scored; trained, not scored: {}", rest.join(", ")));
 }
 
 impl Common {

@@ -33,8 +33,8 @@ pub enum Error {
         reason: String,
     },
     /// The file has another format or version.
-    #[error("{} is {found}, this program reads {FORMAT} version {VERSION}; import the dataset again", path.display(),
-        FORMAT = super::FORMAT, VERSION = super::VERSION)]
+    #[error("{} is {found}, this program reads {FORMAT} version {}; import the dataset again", path.display(),
+        super::VERSIONS.join(" and "), FORMAT = super::FORMAT)]
     Version {
         /// The file.
         path: PathBuf,

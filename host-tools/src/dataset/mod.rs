@@ -10,6 +10,7 @@
 pub mod captioned;
 mod digest;
 mod error;
+mod facts;
 mod store;
 #[cfg(test)]
 mod tests;
@@ -19,13 +20,14 @@ use std::collections::HashSet;
 use serde::{Deserialize, Serialize};
 
 pub use error::Error;
+pub use facts::{Facts, Quality, Side};
 
 use crate::motion::{FEATURES, JOINTS, Pose};
 
 /// Value of `format` in the metadata.
 pub const FORMAT: &str = "motionette-dataset";
-/// Value of `version` in the metadata that this code reads and writes.
-pub const VERSION: &str = "1";
+/// Values of `version` in the metadata: 1 without, 2 with [`Clip::facts`]. Both are read; a dataset without facts is written as 1.
+pub const VERSIONS: [&str; 2] = ["1", "2"];
 
 /// What a clip is used for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -92,9 +94,55 @@ pub struct Clip {
     pub captions: Vec<Caption>,
     /// Free facts of the collection.
     pub labels: serde_json::Value,
+    /// What an import with a table of actions knows of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub facts: Option<Facts>,
     /// SHA-256 (hex) over description, joints and features; set by [`Builder::push`].
     #[serde(default)]
     pub hash: String,
+}
+
+/// What motions have in common that can follow one another, and whose sentences can stand for one another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Label<'c> {
+    /// Action.
+    pub action: &'c str,
+    /// Its side.
+    pub side: Side,
+    /// Style, where there is one.
+    pub style: Option<&'c str>,
+}
+
+impl Clip {
+    /// Action, side and style; none without an action.
+    pub fn label(&self) -> Option<Label<'_>> {
+        Some(Label { action: self.action()?, side: self.side(), style: self.style() })
+    }
+
+    /// The action: of the facts, else the label `content`.
+    pub fn action(&self) -> Option<&str> {
+        self.facts.as_ref().map_or_else(|| self.labels.get("content")?.as_str(), |facts| Some(&facts.action))
+    }
+
+    /// The style: of the facts, else the label `style`.
+    pub fn style(&self) -> Option<&str> {
+        self.facts.as_ref().map_or_else(|| self.labels.get("style")?.as_str(), |facts| facts.style.as_deref())
+    }
+
+    /// The side of the action; none where there are no facts.
+    pub fn side(&self) -> Side {
+        self.facts.as_ref().map_or(Side::None, |facts| facts.side)
+    }
+
+    /// Whether its action has enough training clips to be judged; true where there are no facts.
+    pub fn scored(&self) -> bool {
+        self.facts.as_ref().is_none_or(|facts| facts.scored)
+    }
+
+    /// Whether legs and contacts are made up, so that nothing may be learned from them: a Kinect's feet are.
+    pub fn synthetic_legs(&self) -> bool {
+        self.facts.as_ref().is_some_and(|facts| facts.quality == Quality::Kinect)
+    }
 }
 
 /// A dataset in memory.

@@ -6,7 +6,7 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde_json::json;
 
-use super::{Clip, Dataset, Error, FORMAT, VERSION, digest};
+use super::{Clip, Dataset, Error, FORMAT, VERSIONS, digest};
 use crate::input;
 use crate::motion::{FEATURES, JOINTS};
 use crate::output::write_atomic;
@@ -27,7 +27,7 @@ impl Dataset {
                 "clips": json!(self.clips).to_string(),
                 "format": FORMAT,
                 "hash": self.hash,
-                "version": VERSION,
+                "version": VERSIONS[usize::from(self.clips.iter().any(|clip| clip.facts.is_some()))],
             },
             "joints": {"dtype": "F32", "shape": [rows, JOINTS, 3], "data_offsets": [0, joints_end]},
             "features": {"dtype": "F32", "shape": [rows, FEATURES], "data_offsets": [joints_end, features_end]},
@@ -64,7 +64,7 @@ impl Dataset {
             })
         };
         let (format, version) = (entry("format")?, entry("version")?);
-        if format != FORMAT || version != VERSION {
+        if format != FORMAT || !VERSIONS.contains(&version.as_str()) {
             return Err(Error::Version { path: path.to_path_buf(), found: format!("{format} version {version}") });
         }
         let clips: Vec<Clip> = serde_json::from_str(entry("clips")?).map_err(|error| Error::Metadata {

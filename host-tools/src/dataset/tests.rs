@@ -18,6 +18,7 @@ fn clip(id: &str, split: Split) -> Clip {
         fps_source: 30.0,
         captions: vec![Caption { text: "a person \"walks\" \u{e9}".into(), from: 0.0, to: 1.5, source: "test".into() }],
         labels: serde_json::json!({"take": 3, "style": ["calm", null]}),
+        facts: None,
         hash: String::new(),
     }
 }
@@ -144,10 +145,10 @@ fn shapes(rows: usize, offsets: usize) -> [(Dtype, Vec<usize>); 3] {
 
 #[test]
 fn forged_files_name_what_is_wrong() {
-    let good = [("format", FORMAT), ("version", VERSION), ("clips", "[]"), ("hash", "0")];
+    let good = [("format", FORMAT), ("version", VERSIONS[0]), ("clips", "[]"), ("hash", "0")];
     let with = |name: &str, value: &'static str| good.map(|(k, v)| if k == name { (k, value) } else { (k, v) });
     assert!(matches!(forge(&good[1..], shapes(0, 1), &[0]), Error::Metadata { entry: "format", .. }));
-    assert!(matches!(forge(&with("version", "2"), shapes(0, 1), &[0]), Error::Version { .. }));
+    assert!(matches!(forge(&with("version", "3"), shapes(0, 1), &[0]), Error::Version { .. }));
     assert!(matches!(forge(&with("clips", "[{}]"), shapes(0, 1), &[0]), Error::Metadata { entry: "clips", .. }));
     assert!(matches!(forge(&good, shapes(0, 2), &[0, 0]), Error::Tensor { tensor: "offsets", .. }));
     let mut narrow = shapes(2, 1);

@@ -29,7 +29,7 @@ impl SplitChoice {
 }
 
 /// 64-bit FNV-1a, folded to mix the low bits.
-fn fnv1a(text: &str) -> u64 {
+pub(super) fn fnv1a(text: &str) -> u64 {
     let hash =
         text.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3));
     hash ^ (hash >> 32)

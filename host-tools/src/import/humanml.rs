@@ -180,6 +180,7 @@ fn read(
         fps_source: FPS,
         captions: if text.is_file() { captions::read(&text, "humanml3d")? } else { Vec::new() },
         labels: serde_json::Value::Null,
+        facts: None,
         hash: String::new(),
     };
     Ok(Some((clip, motion)))

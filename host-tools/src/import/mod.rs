@@ -1,5 +1,6 @@
 //! Recordings in, dataset out; constraint files in, anchors out.
 
+pub mod actions;
 pub mod bvh;
 pub mod captions;
 pub mod collect;
@@ -7,6 +8,7 @@ pub mod humanml;
 pub mod kimodo;
 pub mod npy;
 pub mod pack;
+pub mod packs;
 pub mod recordings;
 mod summary;
 

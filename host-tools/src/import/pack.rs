@@ -147,6 +147,7 @@ fn describe(line: Line) -> Clip {
         fps_source: line.src_fps,
         captions: line.captions.into_iter().map(caption).collect(),
         labels: line.labels,
+        facts: None,
         hash: String::new(),
     }
 }

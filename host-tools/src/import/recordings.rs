@@ -127,6 +127,7 @@ fn read(request: &Request, file: &collect::Found) -> Result<Option<Read>, Error>
         fps_source: recording.fps_source,
         captions,
         labels: serde_json::json!({"mapping": recording.mapping}),
+        facts: None,
         hash: String::new(),
     };
     Ok(Some(Read { clip, motion, notes: recording.notes }))

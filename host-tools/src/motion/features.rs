@@ -34,6 +34,20 @@ pub const VELOCITIES: Range<usize> = 193..259;
 /// Channels of the foot contacts.
 pub const CONTACTS: Range<usize> = 259..263;
 
+/// Whether a channel is about a knee, an ankle, a foot or their contact with the ground.
+pub fn of_legs(channel: usize) -> bool {
+    let joint = if POSITIONS.contains(&channel) {
+        1 + (channel - POSITIONS.start) / 3
+    } else if ROTATIONS.contains(&channel) {
+        1 + (channel - ROTATIONS.start) / 6
+    } else if VELOCITIES.contains(&channel) {
+        (channel - VELOCITIES.start) / 3
+    } else {
+        return CONTACTS.contains(&channel);
+    };
+    skeleton::LEGS.contains(&joint)
+}
+
 /// Squared distance a foot may move in a frame and still count as standing, metres squared (HumanML3D's `feet_thre`).
 pub const CONTACT_THRESHOLD: f64 = 0.002;
 /// Standard deviation of the facing filter, frames.

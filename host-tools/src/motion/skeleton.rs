@@ -15,6 +15,9 @@ pub const RIGHT_SHOULDER: usize = 17;
 /// Joints whose contact with the ground is a feature, in the order of those channels: left ankle, left foot, right ankle, right foot.
 pub const FEET: [usize; 4] = [7, 10, 8, 11];
 
+/// Joints of the legs below the hips: knees, ankles, feet.
+pub const LEGS: [usize; 6] = [4, 5, 7, 8, 10, 11];
+
 /// Parent of every joint; the pelvis is its own. A parent comes before its children.
 pub const PARENTS: [usize; JOINTS] = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];
 

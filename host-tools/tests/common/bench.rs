@@ -112,6 +112,7 @@ impl Bench {
                 fps_source: 20.0,
                 captions: captions.iter().map(caption).collect(),
                 labels: Value::Null,
+                facts: None,
                 hash: String::new(),
             };
             builder.push(clip, &joints, &features).expect("rows of a motion");

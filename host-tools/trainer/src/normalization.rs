@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use motionette_host::motion::FEATURES;
 use motionette_host::motion::features::{
-    CONTACTS, HEIGHT, PLANAR_VELOCITY, POSITIONS, ROTATIONS, VELOCITIES, YAW_VELOCITY,
+    CONTACTS, HEIGHT, PLANAR_VELOCITY, POSITIONS, ROTATIONS, VELOCITIES, YAW_VELOCITY, of_legs,
 };
 
 use crate::tensor_file::{self, TensorFile};
@@ -31,21 +31,33 @@ pub struct Normalization {
 impl Normalization {
     /// Of all rows `[T][263]` of all motions; sums run in f64. Without rows: mean 0, smallest deviation.
     pub fn of<'a>(motions: impl Iterator<Item = &'a [f32]> + Clone) -> Self {
-        let rows = motions.clone().map(|m| m.len() / FEATURES).sum::<usize>().max(1) as f64;
+        Self::of_measured(motions.map(|motion| (motion, false)))
+    }
+
+    /// The same where motions may have synthetic legs (`true`): these do not count in the channels of legs and contacts, unless all are.
+    pub fn of_measured<'a>(motions: impl Iterator<Item = (&'a [f32], bool)> + Clone) -> Self {
+        let all_synthetic = motions.clone().all(|(_, synthetic)| synthetic);
+        let leg: Vec<bool> = (0..FEATURES).map(of_legs).collect();
+        let rows = motions.flat_map(|(m, synthetic)| m.chunks_exact(FEATURES).map(move |row| (row, synthetic)));
+        let counts = |synthetic: bool, c: usize| all_synthetic || !synthetic || !leg[c];
+        let mut count = vec![0.0f64; FEATURES];
         let mut mean = vec![0.0f64; FEATURES];
-        for row in motions.clone().flat_map(|m| m.chunks_exact(FEATURES)) {
-            for (sum, x) in mean.iter_mut().zip(row) {
-                *sum += f64::from(*x);
+        for (row, synthetic) in rows.clone() {
+            for c in (0..FEATURES).filter(|c| counts(synthetic, *c)) {
+                mean[c] += f64::from(row[c]);
+                count[c] += 1.0;
             }
         }
-        mean.iter_mut().for_each(|sum| *sum /= rows);
+        let divide = |sums: &mut [f64]| sums.iter_mut().zip(&count).for_each(|(sum, count)| *sum /= count.max(1.0));
+        divide(&mut mean);
         let mut std = vec![0.0f64; FEATURES];
-        for row in motions.flat_map(|m| m.chunks_exact(FEATURES)) {
-            for c in 0..FEATURES {
+        for (row, synthetic) in rows {
+            for c in (0..FEATURES).filter(|c| counts(synthetic, *c)) {
                 std[c] += (f64::from(row[c]) - mean[c]).powi(2);
             }
         }
-        std.iter_mut().for_each(|sum| *sum = (*sum / rows).sqrt());
+        divide(&mut std);
+        std.iter_mut().for_each(|square| *square = square.sqrt());
         for group in GROUPS {
             let shared = (std[group.clone()].iter().sum::<f64>() / group.len() as f64).max(FLOOR);
             std[group].fill(shared);
@@ -107,6 +119,25 @@ mod tests {
         for (a, b) in back.iter().zip(&motion) {
             assert!((a - b).abs() < 1e-4);
         }
+    }
+
+    #[test]
+    fn synthetic_legs_do_not_count() {
+        let measured: Vec<f32> = (0..4 * FEATURES).map(|i| (i as f32).sin()).collect();
+        let synthetic = vec![9.0f32; 6 * FEATURES];
+        let both = Normalization::of_measured([(&measured[..], false), (&synthetic[..], true)].into_iter());
+        let [alone, all] = [vec![&measured[..]], vec![&measured[..], &synthetic[..]]]
+            .map(|motions| Normalization::of(motions.into_iter()));
+        // Left knee, left hip; velocity of the right foot, of the pelvis; a contact; rotation of the left ankle, of the neck.
+        for (channel, leg) in
+            [(4 + 9, true), (4, false), (193 + 33, true), (193, false), (262, true), (67 + 36, true), (67 + 66, false)]
+        {
+            let wanted = if leg { &alone } else { &all };
+            assert_eq!(both.mean[channel], wanted.mean[channel], "channel {channel}");
+        }
+        assert_eq!((both.std[259], both.std[3]), (alone.std[259], all.std[3]));
+        let only = Normalization::of_measured([(&synthetic[..], true)].into_iter());
+        assert_eq!(only, Normalization::of([&synthetic[..]].into_iter()), "where nothing was measured all counts");
     }
 
     #[test]

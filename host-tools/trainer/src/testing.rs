@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use motionette_host::dataset::{Builder, Caption, Clip, Dataset, Split};
+use motionette_host::dataset::{Builder, Caption, Clip, Dataset, Facts, Quality, Side, Split};
 use motionette_host::motion::Pose;
 use motionette_host::motion::features::{self, process};
 use motionette_host::motion::skeleton::{PARENTS, REST_DIRECTIONS};
@@ -143,9 +143,40 @@ pub fn dataset(clips: usize, frames: usize) -> Dataset {
                 source: "test".into(),
             }],
             labels: serde_json::Value::Null,
+            facts: None,
             hash: String::new(),
         };
         builder.push(clip, &processed.joints, &processed.features).expect("the figure is finite");
+    }
+    builder.finish()
+}
+
+/// The same dataset with clips that a Kinect recorded.
+pub fn kinect(dataset: &Dataset, ids: &[&str]) -> Dataset {
+    let quality = |info: &Clip| if ids.contains(&info.id.as_str()) { Quality::Kinect } else { Quality::Optical };
+    with_facts(dataset, |info| Facts { quality: quality(info), ..facts() })
+}
+
+/// Facts of a clip of somebody who walks.
+pub fn facts() -> Facts {
+    Facts {
+        action: "walk".into(),
+        side: Side::None,
+        style: None,
+        scored: true,
+        quality: Quality::Optical,
+        licence: "none".into(),
+        actor: None,
+        known_actor: true,
+    }
+}
+
+/// The same dataset with facts of every clip.
+pub fn with_facts(dataset: &Dataset, facts: impl Fn(&Clip) -> Facts) -> Dataset {
+    let mut builder = Builder::new();
+    for clip in dataset.iter() {
+        let info = Clip { facts: Some(facts(clip.info)), ..clip.info.clone() };
+        builder.push(info, clip.joints, clip.features).expect("the clip was in a dataset");
     }
     builder.finish()
 }

@@ -107,6 +107,10 @@ impl Yardstick {
                 .collect()
         };
         let yes = |holds: bool| f64::from(u8::from(holds));
+        let right_style =
+            over_seeds(&|motion, prompt| yes(prompt.style.as_ref().is_some_and(|style| *style == motion.style)));
+        let asked = |i: usize| self.prompts[sample.against[i]].style.is_some();
+        let style_accuracy = right_style.into_iter().enumerate().map(|(i, share)| share.filter(|_| asked(i))).collect();
         let texts: Vec<&[f64]> = sample.against.iter().map(|i| self.texts[*i].as_slice()).collect();
         let labels: Vec<usize> = sample.against.iter().map(|i| self.prompts[*i].label).collect();
         let rounds = sample.motions.len().max(self.rounds);
@@ -137,7 +141,7 @@ impl Yardstick {
             ("du", anchored(&|c| c.distance)),
             ("evaluations", anchored(&|c| c.evaluations)),
             ("action_accuracy", over_seeds(&|motion, prompt| yes(motion.content == prompt.content))),
-            ("style_accuracy", over_seeds(&|motion, prompt| yes(motion.style == prompt.style))),
+            ("style_accuracy", style_accuracy),
             ("top1", top1),
             ("top2", top2),
             ("top3", top3),

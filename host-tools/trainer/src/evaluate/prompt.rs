@@ -1,10 +1,9 @@
 //! What is asked of a generator, and what comes back.
 
-use motionette_host::dataset::{ClipView, Dataset, Split};
+use motionette_host::dataset::{ClipView, Dataset, Label, Split};
 use motionette_host::motion::Pose;
 
 use crate::evaluator::config::MIN_FRAMES;
-use crate::evaluator::corpus::label;
 use crate::tokenizer::config::{FRAMES_PER_TOKEN, MAX_FRAMES};
 
 /// Longest motion of a model, tokens.
@@ -19,9 +18,9 @@ pub struct Prompt {
     pub caption: String,
     /// Action it asks for.
     pub content: String,
-    /// Style it asks for.
-    pub style: String,
-    /// Number of the pair of action and style.
+    /// Style it asks for, where it asks for one.
+    pub style: Option<String>,
+    /// Number of the triple of action, side and style.
     pub label: usize,
     /// Length that is asked for, tokens.
     pub tokens: usize,
@@ -36,14 +35,15 @@ pub struct Motion {
     pub tokens: Vec<u16>,
 }
 
-/// The clips of a split that a table is about, with their place in the dataset: labelled, captioned, three tokens or more.
+/// The clips of a split that a table is about, with their place in the dataset: of an action that is scored, captioned, three tokens or
+/// more.
 pub fn labelled(dataset: &Dataset, split: Split) -> Vec<(usize, ClipView<'_>)> {
     let fits = |clip: &ClipView<'_>| {
         clip.info.split == split
             && clip.frames() >= MIN_FRAMES
             && !clip.info.captions.is_empty()
-            && label(clip.info, "content").is_some()
-            && label(clip.info, "style").is_some()
+            && clip.info.action().is_some()
+            && clip.info.scored()
     };
     dataset.iter().enumerate().filter(|(_, clip)| fits(clip)).collect()
 }
@@ -51,21 +51,19 @@ pub fn labelled(dataset: &Dataset, split: Split) -> Vec<(usize, ClipView<'_>)> {
 /// One prompt for every labelled clip of a split: caption i of clip i, modulo their number, and the clip's own length in tokens, at
 /// most 49.
 pub fn prompts(dataset: &Dataset, split: Split) -> Vec<Prompt> {
-    let mut labels: Vec<(String, String)> = Vec::new();
+    let mut labels: Vec<Option<Label<'_>>> = Vec::new();
     let prompt = |(index, (place, clip)): (usize, (usize, ClipView<'_>))| {
-        let name = |what| label(clip.info, what).unwrap_or_default().to_owned();
-        let (content, style) = (name("content"), name("style"));
-        let pair = (content.clone(), style.clone());
-        let number = labels.iter().position(|known| *known == pair).unwrap_or_else(|| {
-            labels.push(pair);
+        let label = dataset.clips[place].label();
+        let number = labels.iter().position(|known| *known == label).unwrap_or_else(|| {
+            labels.push(label);
             labels.len() - 1
         });
         let captions = &clip.info.captions;
         Prompt {
             clip: place,
             caption: captions[index % captions.len()].text.clone(),
-            content,
-            style,
+            content: clip.info.action().unwrap_or_default().to_owned(),
+            style: clip.info.style().map(str::to_owned),
             label: number,
             tokens: (clip.frames() / FRAMES_PER_TOKEN).min(MAX_TOKENS),
         }

@@ -26,9 +26,12 @@ pub const SHORT_TOKENS: usize = 25;
 pub struct Report {
     /// Number of clips.
     pub clips: usize,
+    /// Share whose actor is, or may be, in the training split; null where the dataset does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub known_actor: Option<f64>,
     /// Share whose action is named right.
     pub action_accuracy: f64,
-    /// Share whose style is named right.
+    /// Share whose style is named right, of those that have one; 0 when none has.
     pub style_accuracy: f64,
     /// R-precision: share whose own sentence is the nearest of 32.
     pub top1: f64,
@@ -46,7 +49,8 @@ impl fmt::Display for Report {
             f,
             "{} clips, action {:.3}, style {:.3}, R-precision {:.3} {:.3} {:.3}, distance {:.3}",
             self.clips, self.action_accuracy, self.style_accuracy, self.top1, self.top2, self.top3, self.mm_dist
-        )
+        )?;
+        self.known_actor.map_or(Ok(()), |share| write!(f, ", {:.0} % known actors", 100.0 * share))
     }
 }
 
@@ -79,11 +83,18 @@ pub fn measure(judge: &Judge, dataset: &Dataset, split: Split) -> Result<Report,
     }
     let clips = prompts.len();
     let share = |right: &dyn Fn(usize) -> bool| (0..clips).filter(|i| right(*i)).count() as f64 / clips as f64;
+    let styled = prompts.iter().filter(|prompt| prompt.style.is_some()).count();
+    let right_style =
+        prompts.iter().zip(&judgements).filter(|(p, judged)| p.style.as_deref() == Some(judged.style)).count();
     let [top1, top2, top3] = hits.map(|count| count as f64 / (ROUNDS as usize * clips) as f64);
+    let facts = prompts.iter().filter_map(|prompt| dataset.clips[prompt.clip].facts.as_ref());
+    let told = facts.clone().count();
+    let known = facts.filter(|facts| facts.known_actor).count();
     Ok(Report {
         clips,
+        known_actor: (told > 0).then(|| known as f64 / told as f64),
         action_accuracy: share(&|i| prompts[i].content == judgements[i].content),
-        style_accuracy: share(&|i| prompts[i].style == judgements[i].style),
+        style_accuracy: right_style as f64 / styled.max(1) as f64,
         top1,
         top2,
         top3,
@@ -152,9 +163,9 @@ struct Candidates {
 impl Candidates {
     fn new(dataset: &Dataset, split: Split, prompt: &Prompt) -> Self {
         let all = labelled(dataset, split);
-        let name = |place: usize, what| crate::evaluator::corpus::label(&dataset.clips[place], what);
-        let action = |place: &usize| name(*place, "content") == Some(&prompt.content);
-        let label = |place: &usize| action(place) && name(*place, "style") == Some(&prompt.style);
+        let own = dataset.clips[prompt.clip].label();
+        let action = |place: &usize| dataset.clips[*place].action() == Some(&prompt.content);
+        let label = |place: &usize| dataset.clips[*place].label() == own;
         let short = dataset.clip(prompt.clip).frames() <= SHORT_TOKENS * FRAMES_PER_TOKEN;
         let side = |place: &usize| (dataset.clip(*place).frames() <= SHORT_TOKENS * FRAMES_PER_TOKEN) == short;
         let choose = |fits: &dyn Fn(&usize) -> bool| -> Vec<usize> {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use motionette_host::dataset::{Dataset, Split};
+use motionette_host::dataset::{self, Dataset, Side, Split};
 use motionette_host::motion::FEATURES;
 use motionette_host::{checkpoint, convert, metrics};
 
@@ -47,7 +47,7 @@ fn example(noise: f64) -> (Yardstick, Sample) {
         clip: i,
         caption: String::new(),
         content: format!("content{}", i % 10),
-        style: format!("style{}", i % 40 / 10),
+        style: Some(format!("style{}", i % 40 / 10)),
         label: i % 40,
         tokens: 20,
     };
@@ -57,7 +57,7 @@ fn example(noise: f64) -> (Yardstick, Sample) {
             let judged = |p: &Prompt| Judged {
                 embedding: near(p.label),
                 content: p.content.clone(),
-                style: p.style.clone(),
+                style: p.style.clone().unwrap_or_default(),
                 foot_skating: 0.25,
                 near_copy: p.clip < 24,
                 controlled: None,
@@ -129,6 +129,64 @@ fn a_choice_of_prompts_counts_alone() {
     assert!(yardstick.measure(&single, &first).figures.contains_key("multimodality"));
     let independent = Sample { independent: Some(vec![yardstick.real.clone()]), ..single };
     assert!(mean(&yardstick.measure(&independent, &first), "fid") < 1e-9);
+}
+
+#[test]
+fn prompts_are_of_scored_actions_with_and_without_a_style() {
+    let plain = testing::dataset(24, 60);
+    let facts = |scored: bool, style: Option<&str>, side: Side| dataset::Facts {
+        action: "kick".into(),
+        side,
+        style: style.map(str::to_owned),
+        scored,
+        ..testing::facts()
+    };
+    let dataset = testing::with_facts(&plain, |info| match info.id.as_str() {
+        "figure5" => facts(true, Some("proud"), Side::Left),
+        "figure11" => facts(true, None, Side::Left),
+        "figure17" => facts(true, None, Side::Right),
+        _ => facts(false, None, Side::Left),
+    });
+    let found = prompts(&dataset, Split::Test);
+    let names: Vec<(&str, Option<&str>)> =
+        found.iter().map(|p| (dataset.clips[p.clip].id.as_str(), p.style.as_deref())).collect();
+    assert_eq!(names, [("figure5", Some("proud")), ("figure11", None), ("figure17", None)]);
+    assert_eq!(found.iter().map(|p| p.label).collect::<Vec<_>>(), [0, 1, 2], "a side is part of a label");
+    assert!(found.iter().all(|p| p.content == "kick"));
+}
+
+#[test]
+fn real_motion_is_measured_with_the_share_of_known_actors() {
+    let plain = evaluator::dataset(24, 60);
+    let judge = evaluator::judge(&plain, 2);
+    let report = real::measure(&judge, &plain, Split::Test).unwrap();
+    assert!(report.known_actor.is_none() && !report.to_string().contains("known"));
+    let dataset = testing::with_facts(&plain, |info| dataset::Facts {
+        action: info.action().unwrap().to_owned(),
+        style: info.style().filter(|style| *style == "calm").map(str::to_owned),
+        known_actor: info.id != "figure5",
+        ..testing::facts()
+    });
+    let told = real::measure(&judge, &dataset, Split::Test).unwrap();
+    assert_eq!((told.clips, told.known_actor), (4, Some(0.75)));
+    assert!(told.to_string().ends_with("75 % known actors"), "{told}");
+    assert_eq!(told.action_accuracy, report.action_accuracy);
+    // Half of the clips have a style now; it is right for all of them or for none.
+    let calm = prompts(&dataset, Split::Test).into_iter().filter(|prompt| prompt.style.is_some());
+    let right = calm.clone().filter(|p| judge.motion(dataset.clip(p.clip).joints).unwrap().style == "calm").count();
+    assert_eq!(told.style_accuracy, right as f64 / calm.count() as f64);
+}
+
+#[test]
+fn styles_count_where_a_prompt_has_one() {
+    let (mut yardstick, sample) = example(0.3);
+    let members: Vec<usize> = (0..240).collect();
+    for prompt in &mut yardstick.prompts[..120] {
+        prompt.style = None;
+    }
+    assert_eq!(mean(&yardstick.measure(&sample, &members), "style_accuracy"), 1.0);
+    yardstick.prompts.iter_mut().for_each(|prompt| prompt.style = None);
+    assert!(!yardstick.measure(&sample, &members).figures.contains_key("style_accuracy"));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use motionette_host::dataset::{Clip, Dataset, Split};
+use motionette_host::dataset::{Dataset, Side, Split};
 use motionette_host::motion::mirror::mirror_joints;
 use motionette_host::motion::{FEATURES, Pose};
 use motionette_host::parallel;
@@ -28,11 +28,6 @@ pub struct Labels {
     pub styles: Vec<String>,
 }
 
-/// A label of a clip (`content`, `style`), where its collection has it.
-pub fn label<'a>(clip: &'a Clip, name: &str) -> Option<&'a str> {
-    clip.labels.get(name).and_then(|value| value.as_str())
-}
-
 /// One motion of the corpus.
 struct Example {
     joints: Vec<Pose>,
@@ -41,6 +36,7 @@ struct Example {
     /// Numbers of the words of every sentence.
     captions: Vec<Vec<usize>>,
     content: Option<usize>,
+    side: Side,
     style: Option<usize>,
 }
 
@@ -62,6 +58,8 @@ pub struct Batch {
     pub sentences: Vec<Vec<usize>>,
     /// `[B]` content, where there is one.
     pub contents: Vec<Option<usize>>,
+    /// `[B]` side of the content.
+    pub sides: Vec<Side>,
     /// `[B]` style, where there is one.
     pub styles: Vec<Option<usize>>,
 }
@@ -72,6 +70,7 @@ struct Raw {
     features: Vec<f32>,
     captions: Vec<String>,
     content: Option<String>,
+    side: Side,
     style: Option<String>,
 }
 
@@ -90,19 +89,19 @@ impl Corpus {
         }
         let both = parallel::map(&clips, |clip| -> Result<[Raw; 2], Error> {
             let captions: Vec<String> = clip.info.captions.iter().map(|caption| caption.text.clone()).collect();
-            let content = label(clip.info, "content");
-            let style = label(clip.info, "style").map(str::to_owned);
-            let raw = |joints: &[Pose], captions, content| -> Result<Raw, Error> {
+            let (content, side) = (clip.info.action(), clip.info.side());
+            let style = clip.info.style().map(str::to_owned);
+            let raw = |joints: &[Pose], captions, content, side| -> Result<Raw, Error> {
                 let prepared = motion::prepare(joints)
                     .map_err(|source| Error::Features { name: format!("clip {}", clip.info.id), source })?;
                 let joints = joints[..joints.len().min(MAX_FRAMES)].to_vec();
-                Ok(Raw { joints, features: prepared.features, captions, content, style: style.clone() })
+                Ok(Raw { joints, features: prepared.features, captions, content, side, style: style.clone() })
             };
             let twins = captions.iter().map(|caption| mirrored(caption)).collect();
             let other_side = |label: &str| mirrored(label).replace(' ', "-");
             Ok([
-                raw(clip.joints, captions, content.map(str::to_owned))?,
-                raw(&mirror_joints(clip.joints), twins, content.map(other_side))?,
+                raw(clip.joints, captions, content.map(str::to_owned), side)?,
+                raw(&mirror_joints(clip.joints), twins, content.map(other_side), side.mirrored())?,
             ])
         });
         let mut raw = Vec::with_capacity(2 * clips.len());
@@ -121,6 +120,7 @@ impl Corpus {
             captions: raw.captions.iter().map(|caption| encoded(&labels.vocabulary, caption, max_words)).collect(),
             content: raw.content.and_then(|name| labels.contents.binary_search(&name).ok()),
             style: raw.style.and_then(|name| labels.styles.binary_search(&name).ok()),
+            side: raw.side,
             joints: raw.joints,
         };
         let examples = raw.into_iter().map(example).collect();
@@ -148,7 +148,7 @@ impl Corpus {
     /// [`Error::Features`] when a changed motion has no features.
     pub fn batch(&self, config: &Config, random: &mut Random) -> Result<Batch, Error> {
         let mut motions = Vec::with_capacity(config.batch);
-        let (mut sentences, mut contents, mut styles) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut sentences, mut contents, mut sides, mut styles) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for _ in 0..config.batch {
             let example = &self.examples[random.below(self.examples.len())];
             let kind = random.unit();
@@ -169,10 +169,11 @@ impl Corpus {
             });
             sentences.push(example.captions[random.below(example.captions.len())].clone());
             contents.push(example.content);
+            sides.push(example.side);
             styles.push(example.style);
         }
         let Padded { features, lengths } = padded(&motions);
-        Ok(Batch { features, lengths, sentences, contents, styles })
+        Ok(Batch { features, lengths, sentences, contents, sides, styles })
     }
 
     /// Motions of the example's label, itself first, one after another up to a random length.
@@ -182,7 +183,8 @@ impl Corpus {
         motion::grown(&example.joints, frames, || {
             // A few draws find one of the same label; the rare labels repeat their own.
             let mut others = (0..64).map(|_| &self.examples[random.below(self.examples.len())]);
-            let other = others.find(|o| o.content == example.content && o.style == example.style);
+            let other =
+                others.find(|o| o.content == example.content && o.side == example.side && o.style == example.style);
             &other.unwrap_or(example).joints
         })
     }

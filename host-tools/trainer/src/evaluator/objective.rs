@@ -1,7 +1,7 @@
 //! What training lowers: a contrastive term between motions and sentences, and cross-entropies of content and style.
 //!
 //! Contrastive (InfoNCE): with `s_ij` the cosine of motion i and sentence j over the temperature, the mean over i of
-//! `-ln(exp s_ii / sum_j exp s_ij)` and of the same with rows and columns exchanged, halved. A pair of one content and style, or of one
+//! `-ln(exp s_ii / sum_j exp s_ij)` and of the same with rows and columns exchanged, halved. A pair of one content, side and style, or of one
 //! sentence, is not in the sum: it is neither the pair asked for nor a wrong one.
 
 use burn::tensor::activation::log_softmax;
@@ -65,7 +65,7 @@ pub(super) fn excluded(batch: &Batch) -> Vec<bool> {
     let same_label = |i: usize, j: usize| {
         batch.contents[i].is_some()
             && batch.contents[i] == batch.contents[j]
-            && batch.styles[i].is_some()
+            && batch.sides[i] == batch.sides[j]
             && batch.styles[i] == batch.styles[j]
     };
     let same = |i: usize, j: usize| same_label(i, j) || batch.sentences[i] == batch.sentences[j];

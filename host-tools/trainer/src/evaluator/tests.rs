@@ -1,7 +1,7 @@
 //! Whole runs on a small dataset with two labels, and the objective against plain loops.
 
 use burn::tensor::{Device, Tensor, TensorData};
-use motionette_host::dataset::{Builder, Caption, Dataset, Split};
+use motionette_host::dataset::{Builder, Caption, Dataset, Facts, Side, Split};
 use motionette_host::motion::FEATURES;
 use serde_json::json;
 
@@ -135,8 +135,40 @@ fn batch() -> Batch {
         lengths,
         sentences: vec![vec![1, 2], vec![3], vec![0, 1, 1], vec![2, 2, 2, 3], vec![0, 1, 1]],
         contents: vec![Some(0), Some(1), Some(2), Some(0), None],
+        sides: vec![Side::Left, Side::None, Side::None, Side::Left, Side::None],
         styles: vec![Some(1), Some(1), Some(0), Some(1), None],
     }
+}
+
+/// Pairs of one action are left out of the contrast, with a style or without, but not those of the other side.
+#[test]
+fn the_other_side_is_another_label() {
+    let pairs = |batch: &Batch| -> Vec<usize> {
+        super::objective::excluded(batch).iter().enumerate().filter(|(_, out)| **out).map(|(pair, _)| pair).collect()
+    };
+    let mut changed = batch();
+    assert_eq!(pairs(&changed), [3, 5 * 2 + 4, 5 * 3, 5 * 4 + 2]);
+    changed.styles = vec![None; 5];
+    assert_eq!(pairs(&changed), [3, 5 * 2 + 4, 5 * 3, 5 * 4 + 2]);
+    changed.sides[3] = Side::Right;
+    assert_eq!(pairs(&changed), [5 * 2 + 4, 5 * 4 + 2]);
+}
+
+#[test]
+fn actions_and_sides_of_facts_are_mirrored() {
+    let dataset = testing::with_facts(&testing::dataset(12, 40), |_| Facts {
+        action: "walk-turn-left".into(),
+        side: Side::Left,
+        ..testing::facts()
+    });
+    let corpus = Corpus::new(&dataset, 12).unwrap();
+    let labels = corpus.labels();
+    assert_eq!((labels.contents.join(" "), labels.styles.len()), ("walk-turn-left walk-turn-right".into(), 0));
+    let config = Config { batch: 40, ..tiny() };
+    let batch = corpus.batch(&config, &mut Random::new(2, 2)).unwrap();
+    let wanted = [(Some(0), Side::Left), (Some(1), Side::Right)];
+    let found: Vec<(Option<usize>, Side)> = batch.contents.iter().copied().zip(batch.sides.iter().copied()).collect();
+    assert!(found.iter().all(|pair| wanted.contains(pair)) && wanted.iter().all(|pair| found.contains(pair)));
 }
 
 #[test]

@@ -98,21 +98,17 @@ pub struct Paraphrases {
     predicates: BTreeMap<String, Vec<String>>,
 }
 
-fn label<'c>(clip: &'c ClipView<'_>, name: &str) -> Option<&'c str> {
-    clip.info.labels.get(name)?.as_str()
-}
-
 fn predicate(caption: &str) -> Option<&str> {
     let caption = caption.trim_end_matches('.');
     SUBJECTS.iter().find_map(|subject| caption.strip_prefix(subject))
 }
 
 impl Paraphrases {
-    /// Learns the predicates from clips with labels `content` and `style`.
+    /// Learns the predicates from clips with an action in the style `normal`.
     pub fn of<'d>(clips: impl Iterator<Item = ClipView<'d>>) -> Self {
         let mut predicates: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-        for clip in clips.filter(|clip| label(clip, "style") == Some("normal")) {
-            let Some(content) = label(&clip, "content") else { continue };
+        for clip in clips.filter(|clip| clip.info.style() == Some("normal")) {
+            let Some(content) = clip.info.action() else { continue };
             let found = clip.info.captions.iter().filter_map(|caption| predicate(&caption.text));
             let bare = found.map(|p| PLAIN.iter().find_map(|plain| p.strip_suffix(plain)).unwrap_or(p).to_owned());
             predicates.entry(content.to_owned()).or_default().extend(bare);
@@ -133,8 +129,8 @@ impl Paraphrases {
         if choice < 3 {
             return predicate(caption).unwrap_or(caption).to_owned();
         }
-        let style = ADJECTIVES.iter().find(|(style, _)| Some(*style) == label(clip, "style"));
-        let predicates = label(clip, "content").and_then(|content| self.predicates.get(content));
+        let style = ADJECTIVES.iter().find(|(style, _)| Some(*style) == clip.info.style());
+        let predicates = clip.info.action().and_then(|content| self.predicates.get(content));
         let (Some((_, adjectives)), Some(predicates), true) = (style, predicates, choice < 8) else {
             return caption.to_owned();
         };

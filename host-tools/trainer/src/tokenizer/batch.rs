@@ -13,6 +13,8 @@ use crate::random::Random;
 /// The training split with its mirrored twin, normalised.
 pub struct Corpus {
     motions: Vec<Vec<f32>>,
+    /// Whether the legs of each are made up.
+    synthetic_legs: Vec<bool>,
     /// Running number of frames, for drawing a motion in proportion to its length.
     frames_before: Vec<usize>,
     frames: usize,
@@ -25,6 +27,8 @@ pub struct Batch {
     pub features: Vec<f32>,
     /// `[B]` valid frames, multiples of 4.
     pub lengths: Vec<usize>,
+    /// `[B]` whether legs and contacts are made up and nothing is to be learned from them.
+    pub synthetic_legs: Vec<bool>,
 }
 
 impl Corpus {
@@ -45,11 +49,14 @@ impl Corpus {
         };
         let twins = parallel::map(&clips, twin);
         let mut motions = Vec::with_capacity(2 * clips.len());
+        let mut synthetic_legs = Vec::with_capacity(2 * clips.len());
         for (clip, twin) in clips.iter().zip(twins) {
             motions.push(clip.features.to_vec());
             motions.push(twin?);
+            synthetic_legs.extend([clip.info.synthetic_legs(); 2]);
         }
-        let normalization = Normalization::of(motions.iter().map(Vec::as_slice));
+        let normalization =
+            Normalization::of_measured(motions.iter().map(Vec::as_slice).zip(synthetic_legs.iter().copied()));
         let mut frames_before = Vec::with_capacity(motions.len());
         let mut frames = 0;
         for motion in &mut motions {
@@ -57,7 +64,7 @@ impl Corpus {
             frames_before.push(frames);
             frames += motion.len() / FEATURES;
         }
-        Ok(Self { motions, frames_before, frames, normalization })
+        Ok(Self { motions, synthetic_legs, frames_before, frames, normalization })
     }
 
     /// Mean and deviation of the motions.
@@ -80,17 +87,20 @@ impl Corpus {
     pub fn batch(&self, size: usize, window: usize, random: &mut Random) -> Batch {
         let mut features = vec![0.0; size * window * FEATURES];
         let mut lengths = Vec::with_capacity(size);
+        let mut synthetic_legs = Vec::with_capacity(size);
         for crop in features.chunks_exact_mut(window * FEATURES) {
             let frame = random.below(self.frames);
-            let motion = &self.motions[self.frames_before.partition_point(|before| *before <= frame) - 1];
+            let index = self.frames_before.partition_point(|before| *before <= frame) - 1;
+            let motion = &self.motions[index];
             let frames = motion.len() / FEATURES;
             let length = window.min(frames / FRAMES_PER_TOKEN * FRAMES_PER_TOKEN);
             let room = frames - length;
             let start = (random.below(room + length) as isize - length as isize / 2).clamp(0, room as isize) as usize;
             crop[..length * FEATURES].copy_from_slice(&motion[start * FEATURES..(start + length) * FEATURES]);
             lengths.push(length);
+            synthetic_legs.push(self.synthetic_legs[index]);
         }
-        Batch { features, lengths }
+        Batch { features, lengths, synthetic_legs }
     }
 }
 
@@ -115,6 +125,25 @@ mod tests {
             assert!(found, "a crop is not a piece of a motion");
         }
         assert!(padded > 0 && padded < 50, "the example has short and long clips");
+    }
+
+    #[test]
+    fn crops_of_a_kinect_and_of_its_twin_have_synthetic_legs() {
+        let dataset = testing::kinect(&testing::dataset(6, 40), &["figure2"]);
+        let corpus = Corpus::new(&dataset).unwrap();
+        let batch = corpus.batch(60, 32, &mut Random::new(3, 1));
+        let own = |index: usize| corpus.normalization.apply(dataset.clip(index).features);
+        let mut counts = [0; 2];
+        for (crop, (length, synthetic)) in
+            batch.features.chunks(32 * FEATURES).zip(batch.lengths.iter().zip(&batch.synthetic_legs))
+        {
+            let valid = &crop[..length * FEATURES];
+            let is_of = |index| own(index).windows(valid.len()).step_by(FEATURES).any(|w| w == valid);
+            counts[usize::from(*synthetic)] += 1;
+            assert!(!is_of(2) || *synthetic);
+            assert!(![0, 1, 3].into_iter().any(is_of) || !*synthetic);
+        }
+        assert!(counts.iter().all(|count| *count > 5), "{counts:?}");
     }
 
     #[test]

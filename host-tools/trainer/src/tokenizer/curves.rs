@@ -96,6 +96,7 @@ mod tests {
     #[test]
     fn a_picture_has_a_line_for_every_subset() {
         let report = |split, subset: &str, error| Report {
+            known_actor: None,
             split,
             subset: subset.into(),
             clips: 1,

@@ -10,10 +10,12 @@
 //! * heading: `mean_t |2 (a(y)_t - a(x)_t)|` after roll-out
 //!
 //! Distances are `sqrt(d^2 + eps^2) - eps`, so that the gradient at zero is zero. Means run over all valid frames of the batch; the roll-out
-//! starts with every crop.
+//! starts with every crop. In crops with synthetic legs the channels of legs and contacts ([`of_legs`]) have an error of zero: the decoder is
+//! free there, and other joints weigh as much as in other crops.
 
-use motionette_host::motion::features::{PLANAR_VELOCITY, POSITIONS, YAW_VELOCITY};
+use motionette_host::motion::features::{PLANAR_VELOCITY, POSITIONS, YAW_VELOCITY, of_legs};
 
+use super::batch::Batch;
 use super::config::{FEATURES, LossWeights};
 use crate::normalization::{GROUPS, Normalization};
 
@@ -41,6 +43,8 @@ pub struct Terms {
 pub struct Objective {
     weights: LossWeights,
     channel_weights: [f32; FEATURES],
+    /// Channels of legs and contacts.
+    leg: [bool; FEATURES],
     normalization: Normalization,
 }
 
@@ -51,30 +55,33 @@ impl Objective {
         for (group, share) in GROUPS.iter().zip(weights.groups) {
             channel_weights[group.clone()].fill(share / group.len() as f32);
         }
-        Self { weights: weights.clone(), channel_weights, normalization: normalization.clone() }
+        let leg = std::array::from_fn(of_legs);
+        Self { weights: weights.clone(), channel_weights, leg, normalization: normalization.clone() }
     }
 
     /// Terms of a batch and the gradient of the weighted sum.
     ///
-    /// `output`, `target` and `gradient` are `[B][window][F]`; crop b is valid for `lengths[b]` frames; the gradient is zero
-    /// beyond.
-    pub fn evaluate(
-        &self,
-        output: &[f32],
-        target: &[f32],
-        lengths: &[usize],
-        window: usize,
-        gradient: &mut [f32],
-    ) -> Terms {
+    /// `output` and `gradient` are `[B][window][F]` as the batch's features; the gradient is zero beyond the end of a crop.
+    pub fn evaluate(&self, output: &[f32], batch: &Batch, window: usize, gradient: &mut [f32]) -> Terms {
         gradient.fill(0.0);
-        let frames: usize = lengths.iter().sum();
+        let frames: usize = batch.lengths.iter().sum();
         let frames = frames.max(1) as f32;
         let mut terms = Terms::default();
         let size = window * FEATURES;
-        let crops = output.chunks_exact(size).zip(target.chunks_exact(size)).zip(gradient.chunks_exact_mut(size));
-        for (((y, x), g), length) in crops.zip(lengths) {
+        let crops =
+            output.chunks_exact(size).zip(batch.features.chunks_exact(size)).zip(gradient.chunks_exact_mut(size));
+        let mut measured = vec![0.0; size];
+        for (((y, x), g), (length, synthetic)) in crops.zip(batch.lengths.iter().zip(&batch.synthetic_legs)) {
             let valid = length * FEATURES;
-            self.crop(&y[..valid], &x[..valid], &mut g[..valid], 1.0 / frames, &mut terms);
+            let mut y = &y[..valid];
+            if *synthetic {
+                // Where nothing was measured the output is right as it is. The root's path has no channel among these.
+                for (i, value) in measured[..valid].iter_mut().enumerate() {
+                    *value = if self.leg[i % FEATURES] { x[i] } else { y[i] };
+                }
+                y = &measured[..valid];
+            }
+            self.crop(y, &x[..valid], &mut g[..valid], 1.0 / frames, &mut terms);
         }
         let w = &self.weights;
         terms.total = terms.features
@@ -249,13 +256,14 @@ mod tests {
         let size = 2 * window * FEATURES;
         let (output, target) = (noise(size, 3), noise(size, 4));
         let mut gradient = vec![0.0; size];
-        objective.evaluate(&output, &target, &lengths, window, &mut gradient);
+        let batch = Batch { features: target, lengths: lengths.to_vec(), synthetic_legs: vec![false, true] };
+        objective.evaluate(&output, &batch, window, &mut gradient);
         let value = |output: &[f32]| {
             let mut ignored = vec![0.0; size];
-            f64::from(objective.evaluate(output, &target, &lengths, window, &mut ignored).total)
+            f64::from(objective.evaluate(output, &batch, window, &mut ignored).total)
         };
-        // All root channels, some of every other group; frames at both ends and in the padding.
-        let channels = [0, 1, 2, HEIGHT, 4, 5, 6, 40, 66, 67, 150, 200, 260];
+        // All root channels, some of every other group, of legs as well; frames at both ends and in the padding.
+        let channels = [0, 1, 2, HEIGHT, 4, 5, 6, 13, 40, 66, 67, 85, 150, 200, 205, 260];
         for crop in 0..2 {
             for t in [0, 1, 4, 5, 7] {
                 for c in channels {
@@ -288,7 +296,7 @@ mod tests {
         let window = 12;
         let (output, target) = (noise(window * FEATURES, 5), noise(window * FEATURES, 6));
         let mut gradient = vec![0.0; output.len()];
-        let terms = objective.evaluate(&output, &target, &[window], window, &mut gradient);
+        let terms = objective.evaluate(&output, &single(target.clone(), window, false), window, &mut gradient);
         let joints = |x: &[f32]| recover::joints(&normalization.restore(x)).unwrap();
         let (a, b) = (joints(&output), joints(&target));
         let root = |t: usize| (a[t][0][0] - b[t][0][0]).hypot(a[t][0][2] - b[t][0][2]);
@@ -296,12 +304,53 @@ mod tests {
         assert!((terms.root - mean).abs() < 2e-3, "{} {mean}", terms.root);
     }
 
+    fn single(features: Vec<f32>, length: usize, synthetic: bool) -> Batch {
+        Batch { features, lengths: vec![length], synthetic_legs: vec![synthetic] }
+    }
+
+    /// Wrong legs and contacts cost nothing where they are synthetic, whatever else costs the same.
+    #[test]
+    fn synthetic_legs_and_contacts_are_free() {
+        let objective = Objective::new(&weights(), &normalization());
+        let window = 8;
+        let (output, target) = (noise(window * FEATURES, 8), noise(window * FEATURES, 9));
+        let evaluate = |output: &[f32], synthetic: bool| {
+            let mut gradient = vec![0.0; output.len()];
+            let terms = objective.evaluate(output, &single(target.clone(), window, synthetic), window, &mut gradient);
+            (terms, gradient)
+        };
+        // Written out: knees, ankles, feet are joints 4, 5, 7, 8, 10, 11; positions and rotations begin with joint 1.
+        let mut legs = [false; FEATURES];
+        for joint in [4, 5, 7, 8, 10, 11] {
+            legs[4 + 3 * (joint - 1)..][..3].fill(true);
+            legs[67 + 6 * (joint - 1)..][..6].fill(true);
+            legs[193 + 3 * joint..][..3].fill(true);
+        }
+        legs[259..].fill(true);
+        let (terms, gradient) = evaluate(&output, true);
+        let (measured, by_measured) = evaluate(&output, false);
+        let mut other_legs = output.clone();
+        let mut right_legs = output.clone();
+        for i in 0..output.len() {
+            if legs[i % FEATURES] {
+                other_legs[i] += 1.0;
+                right_legs[i] = target[i];
+                assert!(gradient[i] == 0.0 && by_measured[i] != 0.0, "channel {}", i % FEATURES);
+            } else {
+                assert_eq!(gradient[i], by_measured[i], "channel {}", i % FEATURES);
+            }
+        }
+        assert_eq!(evaluate(&other_legs, true).0, terms);
+        assert_eq!(evaluate(&right_legs, false).0, terms);
+        assert!(measured.total > terms.total && evaluate(&other_legs, false).0 != measured);
+    }
+
     #[test]
     fn equal_motions_cost_nothing() {
         let objective = Objective::new(&weights(), &normalization());
         let output = noise(8 * FEATURES, 7);
         let mut gradient = vec![1.0; output.len()];
-        let terms = objective.evaluate(&output, &output, &[8], 8, &mut gradient);
+        let terms = objective.evaluate(&output, &single(output.clone(), 8, false), 8, &mut gradient);
         assert!(terms.total.abs() < 1e-6, "{terms:?}");
         assert!(gradient.iter().all(|g| g.abs() < 1e-6));
     }

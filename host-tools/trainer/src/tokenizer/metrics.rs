@@ -1,11 +1,12 @@
 //! What a tokenizer keeps of a motion: joint errors, drift of the root, use of the codebook.
 //!
 //! Clips go whole through encoder, nearest codes and decoder (the first 196 frames of longer ones, cut to whole tokens), one at
-//! a time, as a device decodes them. Errors compare recovered joints with the dataset's.
+//! a time, as a device decodes them. Errors compare recovered joints with the dataset's; of clips with synthetic legs, all joints but knees,
+//! ankles and feet.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use motionette_host::dataset::{ClipView, Dataset, Split};
-use motionette_host::motion::{Pose, recover};
+use motionette_host::motion::{JOINTS, Pose, recover, skeleton};
 use serde::{Deserialize, Serialize};
 
 use super::Error;
@@ -28,6 +29,9 @@ pub struct Report {
     pub clips: usize,
     /// Number of frames.
     pub frames: usize,
+    /// Share of the clips whose actor is, or may be, in the training split; null where the dataset does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub known_actor: Option<f64>,
     /// Mean distance of the 21 joints other than the pelvis after moving the pelvis of every frame into place, mm. Errors of
     /// heading count.
     pub mpjpe_root_mm: f64,
@@ -54,6 +58,9 @@ pub struct Report {
 struct Sums {
     clips: usize,
     frames: usize,
+    /// Clips whose actors are known to be in the training split or not, and those that are.
+    told: usize,
+    known: usize,
     root: f64,
     local: f64,
     global: f64,
@@ -105,15 +112,34 @@ fn measure(checkpoint: &Checkpoint, network: &Network, clip: &ClipView<'_>, devi
     for id in ids {
         sums.counts[usize::from(id)] += 1;
     }
-    sums.add(&joints, &clip.joints[..frames], &decoded, &clip.features[..frames * FEATURES]);
+    if let Some(facts) = &clip.info.facts {
+        sums.told += 1;
+        sums.known += usize::from(facts.known_actor);
+    }
+    let wanted = Wanted {
+        joints: &clip.joints[..frames],
+        features: &clip.features[..frames * FEATURES],
+        synthetic_legs: clip.info.synthetic_legs(),
+    };
+    sums.add(&joints, &decoded, &wanted);
 }
 
 fn values(tensor: Tensor<3>) -> Vec<f32> {
     tensor.into_data().try_into_vec().expect("networks compute in f32")
 }
 
+/// What should have been decoded.
+struct Wanted<'c> {
+    joints: &'c [Pose],
+    features: &'c [f32],
+    synthetic_legs: bool,
+}
+
 impl Sums {
-    fn add(&mut self, decoded: &[Pose], wanted: &[Pose], decoded_features: &[f32], features: &[f32]) {
+    fn add(&mut self, decoded: &[Pose], decoded_features: &[f32], wanted: &Wanted<'_>) {
+        let Wanted { joints: wanted, features, synthetic_legs } = *wanted;
+        let measured: Vec<usize> = (1..JOINTS).filter(|j| !(synthetic_legs && skeleton::LEGS.contains(j))).collect();
+        let count = measured.len() as f64;
         let frames = wanted.len();
         self.clips += 1;
         self.frames += frames;
@@ -124,16 +150,16 @@ impl Sums {
             let turn = 2.0 * angle;
             let (sin, cos) = (turn.sin() as f32, turn.cos() as f32);
             let (mut root, mut local, mut global) = (0.0, 0.0, distance(a[0], b[0]));
-            for (p, q) in a[1..].iter().zip(&b[1..]) {
+            for (p, q) in measured.iter().map(|j| (&a[*j], &b[*j])) {
                 global += distance(*p, *q);
                 root += distance([p[0] + offset[0], p[1] + offset[1], p[2] + offset[2]], *q);
                 let r: [f32; 3] = std::array::from_fn(|i| p[i] - a[0][i]);
                 let turned = [cos * r[0] + sin * r[2] + b[0][0], r[1] + b[0][1], cos * r[2] - sin * r[0] + b[0][2]];
                 local += distance(turned, *q);
             }
-            self.root += root / 21.0;
-            self.local += local / 21.0;
-            self.global += global / 22.0;
+            self.root += root / count;
+            self.local += local / count;
+            self.global += global / (count + 1.0);
             if t == DRIFT_FRAME {
                 self.drift_5s += planar(a[0], b[0]);
                 self.clips_5s += 1;
@@ -156,6 +182,7 @@ impl Sums {
             subset,
             clips: self.clips,
             frames: self.frames,
+            known_actor: (self.told > 0).then(|| self.known as f64 / self.told as f64),
             mpjpe_root_mm: 1e3 * self.root / frames,
             mpjpe_local_mm: 1e3 * self.local / frames,
             mpjpe_global_mm: 1e3 * self.global / frames,
@@ -180,12 +207,13 @@ fn planar(a: [f32; 3], b: [f32; 3]) -> f64 {
 /// The reports as a table for people.
 pub fn table(reports: &[Report]) -> String {
     let mut text = String::from(
-        "split subset clips frames | MPJPE mm: root-aligned   local  global | drift mm: end    5 s | heading | codes used | perplexity\n",
+        "split subset clips frames | MPJPE mm: root-aligned   local  global | drift mm: end    5 s | heading | codes used | perplexity | known actor\n",
     );
     for r in reports {
+        let known_actor = r.known_actor.map_or_else(|| "-".to_owned(), |share| format!("{:.0}%", 100.0 * share));
         let drift_5s = r.drift_5s_mm.map_or_else(|| "-".to_owned(), |d| format!("{d:.0}"));
         text += &format!(
-            "{:<5} {:<6} {:>5} {:>6} | {:>22.1} {:>7.1} {:>7.1} | {:>13.0} {:>6} | {:>4.1} deg | {:>4} {:>4.0}% | {:>9.0}\n",
+            "{:<5} {:<6} {:>5} {:>6} | {:>22.1} {:>7.1} {:>7.1} | {:>13.0} {:>6} | {:>4.1} deg | {:>4} {:>4.0}% | {:>10.0} | {known_actor}\n",
             r.split.to_string(),
             r.subset,
             r.clips,
@@ -224,7 +252,8 @@ mod tests {
             }
         }
         let mut sums = Sums { counts: vec![3, 1, 0, 0], ..Sums::default() };
-        sums.add(&decoded, clip.joints, clip.features, clip.features);
+        let wanted = Wanted { joints: clip.joints, features: clip.features, synthetic_legs: false };
+        sums.add(&decoded, clip.features, &wanted);
         let report = sums.report(Split::Test, "x".into());
         let last = (clip.frames() - 1) as f64;
         assert!((report.mpjpe_root_mm - 10.0).abs() < 1e-2, "{report:?}");
@@ -233,6 +262,24 @@ mod tests {
         assert!(report.mpjpe_global_mm > last && report.mpjpe_global_mm < last + 10.0);
         assert_eq!((report.codes_used, report.codes_used_share), (2, 0.5));
         assert_eq!(report.drift_5s_mm, None);
+    }
+
+    /// Where legs are synthetic their errors are none, and those of other joints weigh in full.
+    #[test]
+    fn synthetic_legs_are_not_measured() {
+        let dataset = testing::dataset(1, 60);
+        let clip = dataset.clip(0);
+        let report = |lifted: &[usize], synthetic_legs: bool| {
+            let mut decoded = clip.joints.to_vec();
+            decoded.iter_mut().for_each(|pose| lifted.iter().for_each(|joint| pose[*joint][1] += 0.03));
+            let mut sums = Sums { counts: vec![1], ..Sums::default() };
+            sums.add(&decoded, clip.features, &Wanted { joints: clip.joints, features: clip.features, synthetic_legs });
+            sums.report(Split::Test, "x".into()).mpjpe_root_mm
+        };
+        let near = |found: f64, wanted: f64| assert!((found - wanted).abs() < 1e-3, "{found} {wanted}");
+        near(report(&[4, 5, 7, 8, 10, 11], true), 0.0);
+        near(report(&[4, 5, 7, 8, 10, 11], false), 30.0 * 6.0 / 21.0);
+        near(report(&[1, 20], true), 30.0 * 2.0 / 15.0);
     }
 
     /// Turning the whole motion faster changes the root-aligned error and leaves the local one.
@@ -245,7 +292,8 @@ mod tests {
             row[0] += 0.01;
         }
         let mut sums = Sums { counts: vec![1], ..Sums::default() };
-        sums.add(&recover::joints(&turned).unwrap(), clip.joints, &turned, clip.features);
+        let wanted = Wanted { joints: clip.joints, features: clip.features, synthetic_legs: false };
+        sums.add(&recover::joints(&turned).unwrap(), &turned, &wanted);
         let report = sums.report(Split::Val, "x".into());
         assert!(report.mpjpe_local_mm < 0.05, "{report:?}");
         assert!(report.mpjpe_root_mm > 10.0);

@@ -203,7 +203,7 @@ impl Training for Trainer<'_> {
         let output = network.decode(u.clone(), masks.as_ref());
         let y = output.to_data().try_into_vec::<f32>().expect("outputs are f32");
         let mut by_output = vec![0.0; y.len()];
-        let terms = self.objective.evaluate(&y, &batch.features, &batch.lengths, config.window, &mut by_output);
+        let terms = self.objective.evaluate(&y, &batch, config.window, &mut by_output);
         state.check_finite(f64::from(terms.total))?;
 
         let mut flat = vec![0.0; state.optimizer.values.len()];
