@@ -22,6 +22,7 @@ mod full_device {
             captions: Vec::new(),
             labels: serde_json::Value::Null,
             hash: String::new(),
+            facts: None,
         };
         let mut builder = Builder::new();
         builder.push(clip, &joints, &features).expect("rows of a motion");
