@@ -125,6 +125,7 @@ impl<'s> Scaffold<'s> {
         }
         solve(&mut knots);
         for ((place, _), knot) in self.knots(component).zip(&knots) {
+            invariant!(place < self.bends.len(), "knot {place} of {}", self.bends.len());
             if let Some(bend) = self.bends.get_mut(place).and_then(|bends| bends.get_mut(axis)) {
                 *bend = knot.bend;
             }
@@ -135,6 +136,7 @@ impl<'s> Scaffold<'s> {
     fn position(&self, component: usize, frame: usize) -> Option<[f32; 3]> {
         let mut before = None;
         for (place, knot) in self.knots(component) {
+            invariant!(place < self.bends.len(), "knot {place} of {}", self.bends.len());
             let bends = self.bends.get(place).copied().unwrap_or_default();
             let at = usize::from(knot.frame);
             if at == frame {
@@ -173,6 +175,7 @@ impl<'s> Scaffold<'s> {
             };
             for &axis in axes(component) {
                 let place = 3 * component.saturating_sub(1) + axis;
+                invariant!(place < self.statistics.mean.len() && place < self.statistics.std.len());
                 let number = |values: &[f32]| values.get(place).copied().unwrap_or(1.0);
                 let (mean, std) = (number(self.statistics.mean), number(self.statistics.std));
                 let of = |position: &[f32; 3]| position.get(axis).copied().unwrap_or(0.0);

@@ -75,7 +75,7 @@ impl SegmentMut<'_> {
 fn put(heads: Heads, rows: usize, row: usize, x: &[f32], q: &mut [i8], scales: &mut [f32]) {
     for (head, x) in x.chunks_exact(heads.width.max(1)).enumerate() {
         let at = head * rows + row;
-        let Some(q) = q.get_mut(at * heads.width..(at + 1) * heads.width) else { continue };
+        let q = part_mut!(q, at * heads.width..(at + 1) * heads.width);
         if let Some(scale) = scales.get_mut(at) {
             *scale = quantise::row_narrow(x, q);
         }

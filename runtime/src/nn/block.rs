@@ -370,7 +370,7 @@ fn project(
     let width = (heads.count * heads.width).max(1);
     let count = rows.len() / layer.inputs().max(1);
     let x = quantised(rows, layer.inputs(), scratch.q, scratch.scales);
-    let Some(out) = scratch.b.get_mut(..count * width) else { return };
+    let out = part_mut!(scratch.b, ..count * width);
     layer.part(first, width).forward(x, out, scratch.attention.acc);
     for (row, key) in out.chunks_exact(width).enumerate() {
         segment.put_key(heads, at + row, key);

@@ -66,7 +66,9 @@ impl<'a> Motion<'a> {
     /// Joint positions, a frame at a time, metres.
     #[must_use]
     pub fn frames(&self) -> &'a [[[f32; 3]; JOINTS]] {
-        bytemuck::try_cast_slice(self.joints).unwrap_or(&[])
+        let frames = bytemuck::try_cast_slice(self.joints);
+        invariant!(frames.is_ok(), "{} numbers are no whole frames", self.joints.len());
+        frames.unwrap_or(&[])
     }
 
     /// The pose of a frame as the model's own joint rotations have it: bones as long as in [`Motion::frames`], turned as the rotations

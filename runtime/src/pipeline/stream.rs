@@ -402,6 +402,8 @@ impl MotionStream<'_, '_> {
         let recovery = self.model.recovery();
         recovery.integrate_from(Features { values, channels: &all }, &mut self.root, &mut self.path);
         let joints = recovery.joints(values, &self.path);
-        Ok(Some(bytemuck::try_cast_slice(joints).unwrap_or(&[])))
+        let frames = bytemuck::try_cast_slice(joints);
+        invariant!(frames.is_ok(), "the joints are no whole frames");
+        Ok(Some(frames.unwrap_or(&[])))
     }
 }

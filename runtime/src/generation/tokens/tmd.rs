@@ -68,6 +68,7 @@ impl Tmd {
     ) {
         let Draw { planning, random, tokens, proposals } = draw;
         logits.each(|i, logits| {
+            invariant!(i < tokens.len() && i < proposals.len(), "row {i} of {} tokens", tokens.len());
             let (Some(token), Some(proposal)) = (tokens.get_mut(i), proposals.get_mut(i)) else { return };
             let proposed = planning.sampling.propose(logits, random);
             let draws = (random.unit(), random.unit());
@@ -217,6 +218,7 @@ impl<'w> Metric<'w> {
             return present;
         }
         self.distances(proposal, distance);
+        invariant!(usize::from(present) < distance.len(), "token {present} of {} codes", distance.len());
         let here = distance.get(usize::from(present)).copied().unwrap_or(0.0);
         for (w, d) in weights.iter_mut().zip(distance.iter()) {
             *w = -step.middle * *d;
