@@ -17,7 +17,8 @@ use motionette::refining::Config;
 use motionette::{Model, ROWS};
 
 use crate::message::{
-    Condition, Event, Failure, Generate, Length, ModelInfo, Name, Refinement, Refusal, Stage, Start, State, Work, name,
+    Condition, Event, Failure, Generate, JobStage, Length, ModelInfo, Name, Refinement, Refusal, Start, State, Work,
+    name,
 };
 use crate::server::{Description, Device, Job};
 use crate::update::{Slot, Storage, Store};
@@ -233,7 +234,7 @@ impl<'a, S> DeviceState<'a, S> {
     }
 
     /// For the thread: how far the job is.
-    pub const fn progress(&mut self, stage: Stage, step: u16, steps: u16) {
+    pub const fn progress(&mut self, stage: JobStage, step: u16, steps: u16) {
         if let Some(work) = &mut self.work {
             work.stage = stage;
             work.step = step;
@@ -348,7 +349,7 @@ impl<S: Storage> Device for DeviceState<'_, S> {
         if !self.playing {
             self.ready = None;
         }
-        self.work = Some(Work { job, stage: Stage::Waiting, step: 0, steps: 0 });
+        self.work = Some(Work { job, stage: JobStage::Waiting, step: 0, steps: 0 });
         self.waiting = Some(match work {
             Job::Generate(request) => {
                 self.play_when_ready = request.play_when_ready;

@@ -5,7 +5,7 @@ use motionette::playback::{Feeder, Full, When};
 use motionette::{Error, Generator, Model, Observer, Progress, Stop};
 
 use crate::device_state::{DeviceState, Task};
-use crate::message::{Event, Failure, Stage, Strain, Understood};
+use crate::message::{Event, Failure, JobStage, Strain, Understood};
 
 /// Where the thread finds the state of its device.
 pub trait JobHost {
@@ -86,7 +86,7 @@ pub fn run<D: JobHost, const C: usize>(
             // Nothing is ready any more.
             Task::Play => jobs.with(|state| state.played()),
             Task::SelfTest { job } => {
-                jobs.with(|state| state.progress(Stage::Testing, 0, 0));
+                jobs.with(|state| state.progress(JobStage::Testing, 0, 0));
                 let event = match generator.self_test() {
                     Ok(passed) => Event::SelfTest { job, passed },
                     Err(error) => Event::Failed { job, why: error.into() },

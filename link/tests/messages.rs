@@ -6,10 +6,10 @@ use common::{Random, Raw};
 use motionette::refining::Config;
 use motionette_link::frame::{Faults, Receiver, encode, frame_bytes};
 use motionette_link::message::{
-    ANCHORS, Anchor, Blob, BlobFault, CHUNK_BYTES, Command, Condition, Event, FEATURE_BYTES, Failure, Feature,
-    FlashFault, Generate, Header, Hello, Length, Limits, LossAction, Measure, ModelInfo, NAME_BYTES, Owner,
+    ANCHORS, Anchor, Blob, BlobFault, CHUNK_BYTES, Command, Condition, DeviceLimits, Event, FEATURE_BYTES, Failure,
+    Feature, FlashFault, Generate, Header, Hello, JobStage, Length, LossAction, Measure, ModelInfo, NAME_BYTES, Owner,
     PHRASE_BYTES, REPLY_BYTES, REPLY_FRAME, REQUEST_BYTES, REQUEST_FRAME, Refinement, Refusal, RefusedBlob, Reply,
-    Stage, Start, StartFault, State, Status, Strain, TEXT_BYTES, Target, Transfer, Understood, UpdateFault, Work, name,
+    Start, StartFault, State, Status, Strain, TEXT_BYTES, Target, Transfer, Understood, UpdateFault, Work, name,
 };
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -123,7 +123,7 @@ fn every_reply_there_and_back() {
     let device = Condition {
         start: Start::Refused { channel: u8::MAX, why: out_of_range },
         state: State::Stopped,
-        work: Some(Work { job: u32::MAX, stage: Stage::Testing, step: u16::MAX, steps: u16::MAX }),
+        work: Some(Work { job: u32::MAX, stage: JobStage::Testing, step: u16::MAX, steps: u16::MAX }),
         frames_queued: u16::MAX,
         ticks: u32::MAX,
         missed_ticks: u32::MAX,
@@ -147,7 +147,7 @@ fn every_reply_there_and_back() {
         model: Some(ModelInfo { name: full, frame_rate: u16::MAX, frames: u16::MAX }),
         blob: Some(blob),
         refused,
-        limits: Limits {
+        limits: DeviceLimits {
             text_bytes: u16::MAX,
             anchors: u8::MAX,
             chunk_bytes: u16::MAX,

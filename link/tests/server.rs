@@ -6,8 +6,8 @@ use common::host::{HELLO, Host, SILENCE, replies};
 use common::{BLOB, OTHER, crc, ready};
 use motionette_link::frame::{Faults, encode};
 use motionette_link::message::{
-    Anchor, BlobFault, Command, Event, Failure, Generate, Header, LossAction, Owner, PROTOCOL, REPLY_FRAME,
-    REQUEST_FRAME, Refinement, Refusal, Reply, Stage, Start, StartFault, State, Target, Transfer, UpdateFault,
+    Anchor, BlobFault, Command, Event, Failure, Generate, Header, JobStage, LossAction, Owner, PROTOCOL, REPLY_FRAME,
+    REQUEST_FRAME, Refinement, Refusal, Reply, Start, StartFault, State, Target, Transfer, UpdateFault,
 };
 use motionette_link::server::{Port, Server, Silence, Sink};
 use motionette_link::update::Store;
@@ -34,7 +34,7 @@ fn from_text_to_a_finished_motion() {
     assert_eq!(host.refused(&Command::SelfTest), Refusal::Busy { job });
     assert_eq!(host.wait(100), []);
     let work = host.status().device.work.unwrap();
-    assert_eq!((work.job, work.stage, work.step, work.steps), (job, Stage::Planning, 2, 2));
+    assert_eq!((work.job, work.stage, work.step, work.steps), (job, JobStage::Planning, 2, 2));
     assert_eq!(host.wait(50), [ready(job, true)]);
     let status = host.status();
     assert_eq!((status.outcome, status.device.work, status.device.frames_queued), (Some(ready(job, true)), None, 3));

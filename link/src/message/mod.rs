@@ -21,8 +21,8 @@ pub use made::{Measure, Phrase, Strain, Understood};
 pub use refinement::Refinement;
 pub use refusal::{BlobFault, FlashFault, Refusal, UpdateFault};
 pub use reply::{
-    Blob, Condition, Event, Hello, Limits, LossAction, ModelInfo, Owner, RefusedBlob, Reply, Stage, State, Status,
-    Transfer, Work,
+    Blob, Condition, DeviceLimits, Event, Hello, JobStage, LossAction, ModelInfo, Owner, RefusedBlob, Reply, State,
+    Status, Transfer, Work,
 };
 pub use start::{Start, StartFault};
 

@@ -92,7 +92,7 @@ pub struct Hello {
     /// A newer blob, which is not used, and why not.
     pub refused: Option<RefusedBlob>,
     /// What the device takes.
-    pub limits: Limits,
+    pub limits: DeviceLimits,
 }
 
 /// A model.
@@ -130,7 +130,7 @@ pub struct RefusedBlob {
 
 /// What a device takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Limits {
+pub struct DeviceLimits {
     /// Bytes of a prompt.
     pub text_bytes: u16,
     /// Anchors of a request.
@@ -202,7 +202,7 @@ impl State {
 
 /// What a job is at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Stage {
+pub enum JobStage {
     /// Not begun yet.
     Waiting,
     /// Reading the prompt.
@@ -217,13 +217,13 @@ pub enum Stage {
     Testing,
 }
 
-impl From<motionette::Stage> for Stage {
+impl From<motionette::Stage> for JobStage {
     fn from(stage: motionette::Stage) -> Self {
         match stage {
-            motionette::Stage::Reading => Stage::Reading,
-            motionette::Stage::Planning => Stage::Planning,
-            motionette::Stage::Refining => Stage::Refining,
-            motionette::Stage::Decoding => Stage::Decoding,
+            motionette::Stage::Reading => JobStage::Reading,
+            motionette::Stage::Planning => JobStage::Planning,
+            motionette::Stage::Refining => JobStage::Refining,
+            motionette::Stage::Decoding => JobStage::Decoding,
         }
     }
 }
@@ -234,7 +234,7 @@ pub struct Work {
     /// Id of its request.
     pub job: u32,
     /// Stage.
-    pub stage: Stage,
+    pub stage: JobStage,
     /// Steps or evaluations begun in this stage.
     pub step: u16,
     /// Steps or evaluations it may take.

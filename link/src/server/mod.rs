@@ -22,8 +22,8 @@ use serde::Serialize;
 
 use crate::frame::{self, Faults};
 use crate::message::{
-    ANCHORS, CHUNK_BYTES, Command, Condition, Event, Header, Hello, Limits, LossAction, Owner, PROTOCOL, REPLY_FRAME,
-    Refusal, Reply, Status, TEXT_BYTES, name,
+    ANCHORS, CHUNK_BYTES, Command, Condition, DeviceLimits, Event, Header, Hello, LossAction, Owner, PROTOCOL,
+    REPLY_FRAME, Refusal, Reply, Status, TEXT_BYTES, name,
 };
 use crate::update::Store;
 use session::{Order, Session};
@@ -274,7 +274,7 @@ impl Server {
             model,
             blob: self.store.active(),
             refused: self.store.refused(),
-            limits: Limits {
+            limits: DeviceLimits {
                 text_bytes: TEXT_BYTES as u16,
                 anchors: ANCHORS as u8,
                 chunk_bytes: CHUNK_BYTES as u16,

@@ -9,7 +9,7 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 use motionette_link::message::{
-    Condition, Event, Failure, Generate, Measure, ModelInfo, Refusal, Stage, Start, State, Strain, Understood,
+    Condition, Event, Failure, Generate, JobStage, Measure, ModelInfo, Refusal, Start, State, Strain, Understood,
     UpdateFault, Work, name,
 };
 use motionette_link::server::{Description, Device, Job, Sink};
@@ -264,7 +264,7 @@ impl Robot {
     pub fn advance(&mut self) {
         self.condition.ticks += 1;
         if let Some(work) = &mut self.condition.work {
-            work.stage = if self.last.is_some() { Stage::Planning } else { Stage::Testing };
+            work.stage = if self.last.is_some() { JobStage::Planning } else { JobStage::Testing };
             work.step += 1;
             if work.step > work.steps {
                 let job = work.job;
@@ -323,7 +323,7 @@ impl Device for Robot {
             Job::SelfTest => None,
         };
         self.play_when_ready = self.last.as_ref().is_some_and(|r| r.play_when_ready);
-        self.condition.work = Some(Work { job, stage: Stage::Waiting, step: 0, steps: 2 });
+        self.condition.work = Some(Work { job, stage: JobStage::Waiting, step: 0, steps: 2 });
         Ok(())
     }
 

@@ -1,7 +1,7 @@
 //! What a device says, in words and as JSON.
 
 use motionette_link::message::{
-    Blob, Event, Hello, LossAction, Measure, Owner, RefusedBlob, Stage, Start, Status, Strain, Understood,
+    Blob, Event, Hello, JobStage, LossAction, Measure, Owner, RefusedBlob, Start, Status, Strain, Understood,
 };
 use serde_json::{Value, json};
 
@@ -9,14 +9,14 @@ use crate::cli::say;
 use crate::device::advice_for_start;
 
 /// A stage by name.
-pub fn stage(stage: Stage) -> &'static str {
+pub fn stage(stage: JobStage) -> &'static str {
     match stage {
-        Stage::Waiting => "waiting",
-        Stage::Reading => "reading",
-        Stage::Planning => "planning",
-        Stage::Refining => "refining",
-        Stage::Decoding => "decoding",
-        Stage::Testing => "testing",
+        JobStage::Waiting => "waiting",
+        JobStage::Reading => "reading",
+        JobStage::Planning => "planning",
+        JobStage::Refining => "refining",
+        JobStage::Decoding => "decoding",
+        JobStage::Testing => "testing",
     }
 }
 
