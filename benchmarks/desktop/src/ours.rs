@@ -3,12 +3,12 @@
 use std::ops::ControlFlow;
 
 use anyhow::{Context, Result, ensure};
+use motionette::channels::Channels;
 use motionette::codec::Decode;
 use motionette::codec::vq::decoder::Workspace;
 use motionette::generation::tokens::session::Modules;
 use motionette::generation::tokens::{PlanningLimits, Session};
 use motionette::memory::Arena;
-use motionette::channels::Channels;
 use motionette::numerics::hash::Stream;
 use motionette::refining::{Config, Report};
 use motionette::{Anchors, Generator, Joint, MOST_ROWS, Model, Planning, Prompt, Request, Sampling};
