@@ -17,7 +17,8 @@
 //!
 //! - `pipeline`: runs a request through the stages, or a motion that goes on segment by segment, and plans its bytes and work
 //!   beforehand. Owns the arena; knows every room below, none knows it.
-//! - `request`: what a user asks for: prompts, joints by name, anchors in frames or seconds, checked. Knows no model.
+//! - `request`: what a user asks for: prompts, joints by name, anchors in frames or seconds, checked, and how each stage is to go
+//!   about it. Knows no model.
 //! - `text`: prompts to memory rows: words, vocabulary, stored prompts, encoder. Knows words, no motion.
 //! - `conditioning`: anchors as a planner sees them: scaffold, its encoder, keys and values. Knows anchors and networks.
 //! - `generation`: a family of generators each. `generation::tokens`: transformer, session and samplers
@@ -186,14 +187,13 @@ pub use model::{CargoFeature, Model, cargo_features};
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
 pub use numerics::hash::motion as motion_hash;
 pub use pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
-pub use pipeline::{
-    Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Request, Segment, Source, Stage, StreamError,
-};
+pub use pipeline::{Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Segment, Stage, StreamError};
 pub use request::conditions::{
     Anchor, AnchorError, AnchorList, Anchors, AsAnchors, FARTHEST, Family, MAX_ANCHORS, Target,
 };
 pub use request::joint::{Joint, NoSuchJoint};
 pub use request::prompt::{Prompt, PromptError, PromptStats};
+pub use request::{Request, Source};
 pub use stop::Stop;
 pub use text::words::{MAX_PROMPT, MAX_WORD, Word, Words};
 

@@ -7,7 +7,6 @@ mod error;
 mod observer;
 pub mod plan;
 mod plan_tokens;
-mod request;
 mod rotations;
 pub(crate) mod stream;
 #[cfg(test)]
@@ -15,7 +14,6 @@ mod tests;
 
 pub use error::{Error, StreamError};
 pub use observer::{Observer, Progress, Stage};
-pub use request::{Request, Source};
 pub use stream::{Frame, MotionStream, Segment};
 
 use crate::JOINTS;
@@ -33,6 +31,7 @@ use crate::representation::humanml3d::{Path, channels};
 use crate::representation::{Features, Recover};
 use crate::request::conditions::AnchorSet;
 use crate::request::prompt::PromptStats;
+use crate::request::{Request, Source};
 use buffers::{Decoding, rotation_columns};
 use decode_map::DecoderMap;
 use environment::floating_point_is_default;

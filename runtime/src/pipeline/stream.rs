@@ -2,7 +2,7 @@
 
 use super::observer::{Stage, Watch};
 use super::plan_tokens::{PlanningTask, plan_tokens};
-use super::{Error, Generator, Observer, Request, Source, StreamError};
+use super::{Error, Generator, Observer, StreamError};
 use crate::JOINTS;
 use crate::codec::codebook::Codebooks;
 use crate::codec::vq::stream::{self, CHUNK};
@@ -15,6 +15,7 @@ use crate::pipeline::plan::{StreamLimits, StreamPlan};
 use crate::representation::Features;
 use crate::representation::humanml3d::{POSITION_CHANNELS, Path, Root, channels};
 use crate::request::prompt::PromptStats;
+use crate::request::{Request, Source};
 use core::ops::ControlFlow;
 use heapless::Vec;
 

@@ -1,7 +1,162 @@
 //! What a user asks for: prompts, joints by name, and the conditions that a motion must meet, checked.
 //!
-//! This layer knows frames, joints and words, and neither decoders nor what is made of its conditions.
+//! This layer knows frames, joints and words, of the stages below what may be set for each of them, and neither models nor memory.
 
 pub mod conditions;
 pub mod joint;
 pub mod prompt;
+
+use crate::generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
+use crate::refining::Config;
+use conditions::{AnchorList, AsAnchors};
+use prompt::Prompt;
+
+/// Where the motion comes from.
+#[derive(Debug, Clone, Copy)]
+pub enum Source<'r> {
+    /// Motion tokens, `[L][Q]` for `Q` quantizers.
+    Tokens(&'r [u16]),
+    /// Token embeddings `u [L][du]`, as an earlier motion or a solver left them.
+    Embeddings(&'r [f32]),
+    /// Words: the planner makes the tokens, as [`Request::planning`] says.
+    Text(Prompt<'r>),
+}
+
+/// One motion to be made. Quantities are SI; the motion starts at the origin facing +z, anchors are in that frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Request<'r> {
+    /// Where the motion comes from.
+    pub source: Source<'r>,
+    /// Where it must pass: what the planner sees of a text's anchors, and what the refinement meets. Empty: neither.
+    pub anchors: AnchorList<'r>,
+    /// How it is bent there; `None` leaves the motion as it is.
+    pub refinement: Option<Config>,
+    /// How tokens are planned; of no account for tokens and embeddings.
+    pub planning: Planning<'r>,
+}
+
+impl<'r> Request<'r> {
+    /// The motion of `tokens`, without anchors.
+    #[must_use]
+    pub const fn tokens(tokens: &'r [u16]) -> Self {
+        Request {
+            source: Source::Tokens(tokens),
+            anchors: AnchorList::Frames(&[]),
+            refinement: None,
+            planning: Planning::DEFAULT,
+        }
+    }
+
+    /// The motion of embeddings `u`, without anchors.
+    #[must_use]
+    pub const fn embeddings(u: &'r [f32]) -> Self {
+        Request {
+            source: Source::Embeddings(u),
+            anchors: AnchorList::Frames(&[]),
+            refinement: None,
+            planning: Planning::DEFAULT,
+        }
+    }
+
+    /// The motion of a text, planned with the defaults of [`Planning`].
+    #[must_use]
+    pub const fn text(text: &'r str) -> Self {
+        Self::prompt(Prompt::Text(text))
+    }
+
+    /// The motion of a prompt that the blob stores under `name`.
+    #[must_use]
+    pub const fn bank(name: &'r str) -> Self {
+        Self::prompt(Prompt::Bank(name))
+    }
+
+    /// The motion of a prompt.
+    #[must_use]
+    pub const fn prompt(prompt: Prompt<'r>) -> Self {
+        Request {
+            source: Source::Text(prompt),
+            anchors: AnchorList::Frames(&[]),
+            refinement: None,
+            planning: Planning::DEFAULT,
+        }
+    }
+
+    /// The same with another plan altogether.
+    #[must_use]
+    pub const fn planned(self, planning: Planning<'r>) -> Self {
+        Request { planning, ..self }
+    }
+
+    /// The same, `length` long.
+    #[must_use]
+    pub const fn length(self, length: Length) -> Self {
+        Request { planning: Planning { length, ..self.planning }, ..self }
+    }
+
+    /// The same, at least `frames` long, to the next whole token.
+    #[must_use]
+    pub const fn frames(self, frames: u16) -> Self {
+        self.length(Length::Frames(frames))
+    }
+
+    /// The same with another seed.
+    #[must_use]
+    pub const fn seed(self, seed: u64) -> Self {
+        Request { planning: Planning { seed, ..self.planning }, ..self }
+    }
+
+    /// The same in so many planner steps.
+    #[must_use]
+    pub const fn steps(self, steps: u16) -> Self {
+        Request { planning: Planning { steps, ..self.planning }, ..self }
+    }
+
+    /// The same with another schedule.
+    #[must_use]
+    pub const fn schedule(self, schedule: Schedule) -> Self {
+        Request { planning: Planning { schedule, ..self.planning }, ..self }
+    }
+
+    /// The same with another guidance; 1 is off.
+    #[must_use]
+    pub const fn guidance(self, guidance: f32) -> Self {
+        Request { planning: Planning { guidance, ..self.planning }, ..self }
+    }
+
+    /// The same with proposals drawn in another way.
+    #[must_use]
+    pub const fn sampling(self, sampling: Sampling) -> Self {
+        Request { planning: Planning { sampling, ..self.planning }, ..self }
+    }
+
+    /// The same with these tokens given.
+    #[must_use]
+    pub const fn fixed(self, fixed: &'r [Fixed]) -> Self {
+        Request { planning: Planning { fixed, ..self.planning }, ..self }
+    }
+
+    /// The same with a planner that does not see the anchors: they only refine.
+    #[must_use]
+    pub const fn unconditioned(self) -> Self {
+        Request { planning: Planning { conditioned: false, ..self.planning }, ..self }
+    }
+
+    /// The same with `anchors` ([`Anchors`](crate::Anchors), or a list of [`Anchor`](crate::Anchor)s) and the refinement that it has:
+    /// without one, only the planner sees them.
+    #[must_use]
+    pub fn anchors<A: AsAnchors + ?Sized>(self, anchors: &'r A) -> Self {
+        Request { anchors: anchors.as_anchors(), ..self }
+    }
+
+    /// The same with `anchors`, as [`Request::anchors`], bent onto them with the default refinement.
+    #[must_use]
+    pub fn through<A: AsAnchors + ?Sized>(self, anchors: &'r A) -> Self {
+        self.anchors(anchors).refined(Config::default())
+    }
+
+    /// The same with another refinement.
+    #[must_use]
+    pub const fn refined(self, refinement: Config) -> Self {
+        Request { refinement: Some(refinement), ..self }
+    }
+}
