@@ -295,26 +295,29 @@ def erf(x):
 
 # ---- Which words.
 
-def wordnet_words(folder, floor):
-    """Verbs of motion, body, contact and competition, and adverbs, that WordNet's tagged texts hold at least `floor` times."""
-    kinds = {"29": "body", "33": "competition", "35": "contact", "38": "motion"}
+CONTRACTIONS = """i'm i'd i'll i've you're you'd you'll you've he's he'd he'll she's she'd she'll it's it'd it'll we're we'd we'll we've they're they'd
+they'll they've that's there's here's what's who's where's how's let's don't doesn't didn't can't couldn't won't wouldn't shouldn't isn't aren't
+wasn't weren't haven't hasn't hadn't y'all gonna wanna gotta""".split()
+
+
+def wordnet_words(folder):
+    """Verbs of motion, body, contact and competition; verbs of communication, emotion, perception and social life, nouns of persons, animals
+    and the body, and adverbs that WordNet's tagged texts hold."""
+    moving = {"29", "33", "35", "38"}
+    # Part of speech and file of words that have to be tagged twice; adverbs once.
+    tagged = {("2", kind): 2 for kind in ("32", "37", "39", "41")} | {("1", kind): 2 for kind in ("05", "08", "18")} | {("4", "02"): 1}
     counts = Counter()
     for line in (folder / "cntlist.rev").read_text().split("\n"):
         if line:
             key, _, count = line.split()
             lemma, rest = key.split("%")
-            kind = rest.split(":")
-            if kind[0] == "2" and kind[1] in kinds or kind[0] == "4":
-                counts[lemma] += int(count)
-    seen = Counter()
+            counts[(lemma, *rest.split(":")[:2])] += int(count)
+    found = {lemma for (lemma, *kind), count in counts.items() if count >= tagged.get(tuple(kind), 1 << 30)}
     for line in (folder / "data.verb").read_text().split("\n"):
-        if line and not line.startswith(" "):
-            fields = line.split()
-            if fields[1] in kinds:
-                for i in range(int(fields[3], 16)):
-                    seen[fields[4 + 2 * i].lower()] += 0
-    seen.update(counts)
-    return {w for w in seen if re.fullmatch("[a-z]+", w) and seen[w] >= floor}
+        fields = line.split()
+        if line and not line.startswith(" ") and fields[1] in moving:
+            found.update(fields[4 + 2 * i].lower() for i in range(int(fields[3], 16)))
+    return {w for w in found if re.fullmatch("[a-z]+", w)}
 
 
 def fnv(word):
@@ -339,10 +342,10 @@ def choose(encoder, phrases, captions, args):
     typos = {t for ts in phrases.typos.values() for t in ts}
     needed = phrases.all_words() | caption_words(captions)
     actions = tomllib.loads((ROOT / "docs/actions.toml").read_text())["action"]
-    needed |= {w for a in actions for text in a["words"] + [a["name"].replace("{side}", "left")] for w in words_of(text)}
+    needed |= {w for a in actions for text in a["words"] + [a["name"].replace("{side}", "left")] for w in words_of(text)} | set(CONTRACTIONS)
     english = set(Path(args.dictionary).read_text().split("\n"))
     common = [w for w in encoder.vocabulary if re.fullmatch("[a-z]+", w) and w in english and (len(w) > 1 or w in "ai")][:args.common]
-    moves = sorted(w for w in wordnet_words(Path(args.wordnet), args.floor) if w in english)
+    moves = sorted(w for w in wordnet_words(Path(args.wordnet)) if w in english)
     return sorted(needed - typos), common, moves
 
 
@@ -365,7 +368,7 @@ def frequencies(encoder, phrases, words):
 class Table:
     """Unit rows of width `dims` times their weight; a scale a row when `bits` are given."""
 
-    def __init__(self, words, vectors, shares, inside, sentences, sif=1e-3, emphasis=20.0):
+    def __init__(self, words, vectors, shares, inside, sentences, sif=1e-3, emphasis=20.0, plain=False):
         """`inside`: whether captions and phrases hold the word; `sentences`: (text, action, ..., style) of phrases."""
         self.words = {w: i for i, w in enumerate(words)}
         self.weight = sif / (sif + shares)
@@ -375,7 +378,7 @@ class Table:
         # of the phrases, the former alone keep what no motion shows.
         self.rows = self.x * self.weight[:, None]
         total = spread / np.trace(spread)
-        for labels in ([s[1] for s in sentences], [s[3] for s in sentences]):
+        for labels in () if plain else ([s[1] for s in sentences], [s[3] for s in sentences]):
             means = self.means([s[0] for s in sentences], labels)
             between = means.T @ means
             total += between / np.trace(between)
@@ -447,7 +450,7 @@ def build(args):
     rows = [words[i] for i in keep], vectors[keep], shares[keep], inside[keep]
     often = set(common)
     tiers = [0 if n else 1 if w in often else 2 for w, n in zip(rows[0], rows[3])]
-    print(f"{len(words)} words: {len(needed)} of captions and phrases, {len(common)} common ones, {len(moves)} verbs and adverbs; {len(keep)} rows, "
+    print(f"{len(words)} words: {len(needed)} of captions and phrases, {len(common)} common ones, {len(moves)} of WordNet; {len(keep)} rows, "
           f"of which {[tiers.count(t) for t in range(3)]} first of these")
     return phrases, rows, words, tiers
 
@@ -557,7 +560,7 @@ def measure(args):
     for seed in range(args.seeds):
         train, test = dataset(phrases, seed, args.each)
         fresh = new_words(phrases, train, test)
-        table = Table(*rows, train, args.sif)
+        table = Table(*rows, train, args.sif, plain=args.plain)
         styled, tested = [i for i, t in enumerate(train) if t[3]], [i for i, t in enumerate(test) if t[3]]
         wide = [set().union(*(accepted[n] for n in t[2])) for t in test]
         for dims, bits in itertools.product(args.dims, args.bits):
@@ -636,7 +639,6 @@ def main():
     parser.add_argument("--dictionary", default="/usr/share/dict/american-english")
     parser.add_argument("--wordnet", default="/usr/share/wordnet")
     parser.add_argument("--common", type=int, default=9000, help="common words: the first of the encoder's vocabulary that the dictionary has")
-    parser.add_argument("--floor", type=int, default=0, help="verbs and adverbs: seen at least so often in WordNet's tagged texts")
     parser.add_argument("--dims", type=int, nargs="+", default=[64])
     parser.add_argument("--bits", type=int, nargs="+", default=[4], help="0 is f32")
     parser.add_argument("--sif", type=float, default=1e-3)
@@ -644,6 +646,7 @@ def main():
     parser.add_argument("--cache", help="keep the encoder's vectors in this .npz between runs")
     parser.add_argument("--out", default="models/words.safetensors")
     parser.add_argument("--measure", action="store_true")
+    parser.add_argument("--plain", action="store_true", help="measure principal components of words alone")
     parser.add_argument("--whole", action="store_true", help="measure also whole sentences through the encoder, which a device cannot do")
     parser.add_argument("--each", type=int, default=4, help="sentences a template")
     parser.add_argument("--seeds", type=int, default=3)
