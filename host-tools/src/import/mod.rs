@@ -9,6 +9,7 @@ pub mod kimodo;
 pub mod npy;
 pub mod pack;
 pub mod packs;
+pub mod phrases;
 pub mod recordings;
 mod summary;
 
