@@ -19,6 +19,7 @@
 //! | [`anchors_file`] | `anchors.json`: where the motion must pass |
 //! | [`metrics`] | figures of a motion: jerk, foot skating, joint errors, control error |
 //! | [`agreement`] | how far two motions are apart |
+//! | [`mod@detect`] | what a body was seen to do, from joints alone |
 //! | [`inspect`] | what is in a blob |
 //! | [`plan`] | arena, flash and work of a request before anything is flashed |
 //! | [`mod@verify`] | the quantised runtime against the reference |
@@ -38,6 +39,7 @@ pub mod cli;
 pub mod console;
 pub mod convert;
 pub mod dataset;
+pub mod detect;
 pub mod device;
 pub mod export;
 pub mod import;

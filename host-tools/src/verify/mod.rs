@@ -290,6 +290,8 @@ pub struct RuntimeMotion {
     pub joints: Vec<Pose>,
     /// What the refinement did.
     pub refinement: Option<motionette::refining::Report>,
+    /// Words of the prompt that the model does not know.
+    pub unknown_words: u16,
 }
 
 /// Runs one request in an arena of exactly the planned size.
@@ -307,6 +309,7 @@ pub fn run(blob: &BlobFile, clip: &str, request: &Request<'_>) -> Result<Runtime
         tokens: motion.tokens().to_vec(),
         joints: motion.frames().to_vec(),
         refinement: motion.refinement,
+        unknown_words: motion.unknown_words(),
     })
 }
 

@@ -17,10 +17,10 @@ use super::control::page::Page;
 use super::control::tables::Course;
 use super::figures::Yardstick;
 use super::prior::Generate;
-use super::prompt::prompts;
+use super::prompt;
 use super::report::{self, Facts};
 use super::sample::judged;
-use super::{generators, prior, real};
+use super::{generators, prior, prompts, real};
 use crate::control;
 use crate::control::frozen::Frozen;
 use crate::control::sampling::Planner;
@@ -62,8 +62,14 @@ pub enum Origin {
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Which table.
-    #[arg(long, value_enum)]
-    pub table: Table,
+    #[arg(long, value_enum, required_unless_present = "prompts")]
+    pub table: Option<Table>,
+    /// Judges the motions of these prompts instead: lines of {"text", "actions", "styles"}.
+    #[arg(long, value_name = "FILE", conflicts_with = "table")]
+    pub prompts: Option<PathBuf>,
+    /// The table of actions, for prompts.
+    #[arg(long, value_name = "FILE", default_value = "docs/actions.toml")]
+    pub actions: PathBuf,
     /// Dataset file.
     #[arg(long, value_name = "FILE", default_value = "data/pack.mds")]
     pub data: PathBuf,
@@ -88,10 +94,10 @@ pub struct Args {
     /// Folder of the table.
     #[arg(short, long, value_name = "FOLDER", default_value = "docs/results")]
     pub out: PathBuf,
-    /// Motions for every caption; 5 for the prior's table, which needs 2 at least, 3 for the others.
+    /// Motions for every caption; 5 for the prior's table, which needs 2 at least, 3 for the others and for prompts.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     pub seeds: Option<u64>,
-    /// Uses only so many captions, spread evenly; 100 for the tables of anchors.
+    /// Uses only so many captions or prompts, spread evenly; 100 for the tables of anchors.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(2..))]
     pub limit: Option<u64>,
     /// A trained control for the table of components, several times; as it is named there and its checkpoint.
@@ -110,7 +116,7 @@ pub struct Args {
 
 impl Args {
     /// How much is measured, and of what, as far as the command line says so.
-    fn chosen(&self) -> String {
+    pub(super) fn chosen(&self) -> String {
         let mut flags = String::new();
         for (flag, value) in [("--seeds", self.seeds), ("--limit", self.limit)] {
             flags += &value.map_or_else(String::new, |value| format!(" {flag} {value}"));
@@ -125,12 +131,16 @@ impl Args {
 /// # Errors
 /// Anything that is wrong with arguments, files or generators, with context.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    if let Some(file) = &args.prompts {
+        return prompts::command::run(args, file);
+    }
+    let table = args.table.context("give --table or --prompts")?;
     let dataset = Dataset::load(&args.data)?;
     let judge = Judge::load(&args.evaluator)
         .context("the evaluator cannot be used; make one with motionette-train evaluator")?;
     let codec = Codec::load(&args.tokenizer)?;
-    if args.table != Table::Prior {
-        return anchored(args, &dataset, &judge, &codec);
+    if table != Table::Prior {
+        return anchored(args, table, &dataset, &judge, &codec);
     }
     let seeds = args.seeds.unwrap_or(5);
     ensure!(seeds >= 2, "--seeds {seeds}: the prior's table compares motions of one caption, give 2 or more");
@@ -169,11 +179,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 /// The tables of anchor control.
-fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> anyhow::Result<()> {
+fn anchored(args: &Args, table: Table, dataset: &Dataset, judge: &Judge, codec: &Codec) -> anyhow::Result<()> {
     let seeds = args.seeds.unwrap_or(3);
     let limit = args.limit.map_or(100, |count| usize::try_from(count).unwrap_or(usize::MAX));
     let mut files = vec![&args.data, &args.evaluator, &args.tokenizer, &args.blob];
-    let mut chosen = prompts(dataset, Split::Test);
+    let mut chosen = prompt::prompts(dataset, Split::Test);
     if limit < chosen.len() {
         chosen = (0..limit).map(|i| chosen[i * chosen.len() / limit].clone()).collect();
     }
@@ -206,7 +216,7 @@ fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> any
     let mut bench =
         Bench { judge, yardstick, real, blob: &blob, identity, planners, generation: args.generation, store };
     let course = Course { seeds, say: &remark };
-    let (name, title, entries) = match args.table {
+    let (name, title, entries) = match table {
         Table::Prior => return Ok(()),
         Table::Frontier => ("frontier", "What refinement makes of anchors", bench.frontier(&course)?),
         Table::Components => ("components", "How anchors reach the planner", bench.components(&course)?),
@@ -220,7 +230,7 @@ fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> any
          every row. All rows are the int8 runtime's but those of `components` that name a control, which are the trainer's f32 \
          networks. Figures are means with half the width of a 95 % bootstrap interval over the clips. {}",
         bench.real.len(),
-        remarks(args.table)
+        remarks(table)
     );
     let facts = Facts {
         seeds,
@@ -229,7 +239,7 @@ fn anchored(args: &Args, dataset: &Dataset, judge: &Judge, codec: &Codec) -> any
         generation: args.generation.facts(),
     };
     let page = Page { name, title, notes, entries: &entries, facts: &facts };
-    page.save(&args.out, args.table == Table::Frontier)?;
+    page.save(&args.out, table == Table::Frontier)?;
     remark(&args.out.join(format!("{name}.md")).display().to_string());
     finish(args.json, &page.json())
 }
@@ -269,7 +279,8 @@ fn training_tokens(dataset: &Dataset, codec: &Codec) -> Vec<Vec<u16>> {
     motions.iter().flat_map(|features| (0..FRAMES_PER_TOKEN).map(|frame| begun(features, frame))).collect()
 }
 
-fn hashes(paths: &[&PathBuf]) -> anyhow::Result<Vec<(String, String)>> {
+/// Names and SHA-256 of files.
+pub(super) fn hashes(paths: &[&PathBuf]) -> anyhow::Result<Vec<(String, String)>> {
     let hash = |path: &&PathBuf| {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok((name, file_hash(path)?))

@@ -15,6 +15,7 @@
 //! | [`generators`] | motion from text by reference and runtime |
 //! | [`control`] | the tables of anchor control |
 //! | [`prior`] | the table of the prior |
+//! | [`prompts`] | prompts in a newcomer's words, and two judges of what they gave |
 //! | [`report`] | Markdown and JSON |
 //! | [`command`] | `motionette-train evaluate` |
 
@@ -28,6 +29,7 @@ pub mod frechet;
 pub mod generators;
 pub mod prior;
 pub mod prompt;
+pub mod prompts;
 pub mod real;
 pub mod report;
 pub mod retrieval;

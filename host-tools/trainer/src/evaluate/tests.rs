@@ -344,7 +344,9 @@ fn bad_input_is_refused_and_leaves_no_table() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let args = command::Args {
-        table: command::Table::Prior,
+        table: Some(command::Table::Prior),
+        prompts: None,
+        actions: at("actions.toml"),
         data: at("data.mds"),
         evaluator: at("evaluator.safetensors"),
         tokenizer: at("tokenizer.safetensors"),

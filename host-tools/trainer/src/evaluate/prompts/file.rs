@@ -1,0 +1,138 @@
+//! Prompts from JSON lines: `{"text": "...", "actions": ["walk", ...], "styles": ["elderly", ...]}`, one a line.
+//!
+//! `actions` are canonical names of the table of actions, one at least; `styles` are styles of the dataset and may be left out. Blank
+//! lines and lines that begin with `#` are passed over.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use motionette_host::import::actions::Actions;
+use motionette_host::input;
+use serde_json::Value;
+
+/// The fields of a line.
+const FIELDS: [&str; 3] = ["text", "actions", "styles"];
+
+/// Why a file of prompts cannot be used. Lines count from 1.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The file cannot be read.
+    #[error("cannot read the prompts in {}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// There is no line with a prompt.
+    #[error("{} has no prompts; write lines like {{\"text\": \"hop\", \"actions\": [\"jump\"], \"styles\": []}}", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A line is not a JSON object.
+    #[error("{} line {line}: not a JSON object: {message}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// What the reader said.
+        message: String,
+    },
+    /// A field is missing, of another type, or nobody knows it.
+    #[error("{} line {line}, field {field:?}: {problem}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// The field.
+        field: String,
+        /// What is wrong with it and what to do.
+        problem: String,
+    },
+}
+
+/// A prompt and what it may show.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Line {
+    /// Line of the file, from 1.
+    pub number: usize,
+    /// The prompt.
+    pub text: String,
+    /// Canonical actions that a fair person accepts, one at least.
+    pub actions: Vec<String>,
+    /// Styles that a fair person accepts; empty when none is asked for.
+    pub styles: Vec<String>,
+}
+
+impl Line {
+    /// The actions and what the table accepts for each.
+    pub fn accepted<'a>(&'a self, table: &'a Actions) -> BTreeSet<&'a str> {
+        let also = |name: &String| table.find(name).map(|action| action.accept.as_slice()).unwrap_or_default();
+        self.actions.iter().flat_map(|name| std::iter::once(name).chain(also(name))).map(String::as_str).collect()
+    }
+}
+
+/// Reads a file of prompts. `styles` are the names that are known.
+///
+/// # Errors
+/// [`Error`], naming the file, and the line and field where there is one.
+pub fn read(path: &Path, table: &Actions, styles: &BTreeSet<String>) -> Result<Vec<Line>, Error> {
+    let text = input::read_text(path, input::WRITTEN).map_err(|source| Error::Read { path: path.into(), source })?;
+    parse(path, &text, table, styles)
+}
+
+/// The prompts in `text`; `path` is what errors name.
+///
+/// # Errors
+/// As [`read`], but for [`Error::Read`].
+pub fn parse(path: &Path, text: &str, table: &Actions, styles: &BTreeSet<String>) -> Result<Vec<Line>, Error> {
+    let mut lines = Vec::new();
+    for (index, written) in text.lines().enumerate() {
+        let number = index + 1;
+        if written.trim().is_empty() || written.trim_start().starts_with('#') {
+            continue;
+        }
+        let json = |message: String| Error::Json { path: path.into(), line: number, message };
+        let fail = |field: &str, problem: String| Error::Field {
+            path: path.into(),
+            line: number,
+            field: field.into(),
+            problem,
+        };
+        let value: Value = serde_json::from_str(written).map_err(|error| json(error.to_string()))?;
+        let object = value.as_object().ok_or_else(|| json("it is another JSON value".into()))?;
+        if let Some(other) = object.keys().find(|key| !FIELDS.contains(&key.as_str())) {
+            return Err(fail(other, format!("unknown; fields are {}", FIELDS.join(", "))));
+        }
+        let text = object.get("text").ok_or_else(|| fail("text", "missing; give the prompt".into()))?;
+        let text = text.as_str().ok_or_else(|| fail("text", format!("{text} is no text")))?.to_owned();
+        let names = |field: &str, known: &dyn Fn(&str) -> bool, kind: &str| -> Result<Vec<String>, Error> {
+            let Some(value) = object.get(field) else { return Ok(Vec::new()) };
+            let list = value.as_array().ok_or_else(|| fail(field, format!("{value} is no list of names")))?;
+            let mut names: Vec<String> = Vec::with_capacity(list.len());
+            for item in list {
+                let name = item.as_str().ok_or_else(|| fail(field, format!("{item} is no name")))?;
+                if !known(name) {
+                    return Err(fail(field, format!("{name:?} is no {kind}")));
+                }
+                if names.iter().any(|other| other == name) {
+                    return Err(fail(field, format!("{name:?} stands twice")));
+                }
+                names.push(name.to_owned());
+            }
+            Ok(names)
+        };
+        let action = |name: &str| table.find(name).is_some();
+        let actions = names("actions", &action, "action of the table of actions")?;
+        if actions.is_empty() {
+            return Err(fail("actions", "empty; name one canonical action at least".into()));
+        }
+        let styles = names("styles", &|name: &str| styles.contains(name), "style of the dataset")?;
+        lines.push(Line { number, text, actions, styles });
+    }
+    if lines.is_empty() { Err(Error::Empty { path: path.into() }) } else { Ok(lines) }
+}
