@@ -92,6 +92,18 @@ fn a_checkpoint_round_trips_and_has_the_published_names() {
     assert_eq!(config["steps"], 6);
     assert_eq!(config["data_hash"], dataset.hash);
     assert_eq!(config["dilations"], serde_json::json!([3, 1]));
+    // As checkpoints were before these settings.
+    assert!(config.get("right").is_none() && config.get("encoder_dilations").is_none());
+    let mut other = trained;
+    let architecture = &mut other.config.architecture;
+    architecture.right = vec![1, 0, 1, 0, 2, 0, 1, 0, 1];
+    architecture.encoder_dilations = vec![2, 2];
+    other.save(&path, &reports).unwrap();
+    assert_eq!(Checkpoint::load(&path).unwrap(), other);
+    let file = tensor_file::TensorFile::load(&path).unwrap();
+    let config: serde_json::Value = file.parsed("config").unwrap();
+    assert_eq!(config["right"], serde_json::json!([1, 0, 1, 0, 2, 0, 1, 0, 1]));
+    assert_eq!(config["encoder_dilations"], serde_json::json!([2, 2]));
 }
 
 #[test]
@@ -129,7 +141,16 @@ fn an_exploding_run_stops_with_a_typed_error() {
 
 #[test]
 fn settings_out_of_range_are_refused() {
+    let sizes = |change: fn(&mut super::config::Architecture)| {
+        let mut config = tiny();
+        change(&mut config.architecture);
+        config
+    };
     for (change, field) in [
+        (sizes(|a| a.dilations.clear()), "dilations"),
+        (sizes(|a| a.encoder_dilations = vec![0]), "encoder_dilations"),
+        (sizes(|a| a.right = vec![0; 8]), "right"),
+        (sizes(|a| a.right = vec![0, 4, 0, 0, 0, 0, 0, 0, 0]), "right"),
         (Config { window: 30, ..tiny() }, "window"),
         (Config { batch: 0, ..tiny() }, "batch"),
         (Config { learning_rate: f32::NAN, ..tiny() }, "learning_rate"),
