@@ -267,7 +267,7 @@ impl Chain<'_> {
             // Forward they lie in the order of the pass.
             let at = if *way == Direction::Forward { gate } else { gate - own };
             gate = if *way == Direction::Forward { gate + own } else { at };
-            let due = layer.ahead().saturating_sub(tail.count.zeros);
+            let due = layer.ahead(*way).saturating_sub(tail.count.zeros);
             if place < *begun {
                 complete &= due == 0;
                 continue;
@@ -276,7 +276,7 @@ impl Chain<'_> {
             // Rows behind the motion, as far as they are due and there is room.
             let zeros = if complete { due.min((*chunk << stage).saturating_sub(*rows)) } else { 0 };
             complete &= due == zeros;
-            let chunk = Chunk { sequence: &mut *sequence, rows: *rows, zeros };
+            let chunk = Chunk { sequence, rows: *rows, zeros };
             // A residual block's hidden rows come behind its input's.
             let masks = Masks { mask: &mut *gates, outer: at, inner: at + (tokens << stage) };
             *rows = layer.step(*way, tail, chunk, masks, &mut wanted, work);
