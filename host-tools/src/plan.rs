@@ -57,7 +57,7 @@ pub struct Planning {
 /// A stream that remembers as many tokens as the largest request has.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stream {
-    /// Tokens on either side that a frame depends on.
+    /// Tokens behind its own that a frame depends on.
     pub radius_tokens: usize,
     /// Frames by which the output lags behind the tokens.
     pub latency_frames: usize,

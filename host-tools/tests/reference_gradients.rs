@@ -22,12 +22,17 @@ impl Numbers {
     }
 }
 
-/// A small random decoder: width 5, codes 4 wide, dilations 9, 3, 1.
-fn checkpoint() -> TokenizerCheckpoint {
-    let config = Config::from_json(
-        r#"{"width": 5, "encoder_width": 5, "code_dim": 4, "codes": 3, "quantizers": 1, "depth": 3,
-            "dilations": [9, 3, 1], "down_t": 2, "features": 67, "fps": 20.0}"#,
-    )
+/// Looks as far ahead as back.
+const SYMMETRICAL: &str = "[]";
+/// Some convolutions look ahead, most less far than back.
+const MOSTLY_CAUSAL: &str = "[0, 4, 0, 1, 1, 0, 2, 0, 0, 1, 0]";
+
+/// A small random decoder: width 5, codes 4 wide, dilations 9, 3, 1, whose convolutions look ahead so far.
+fn checkpoint(right: &str) -> TokenizerCheckpoint {
+    let config = Config::from_json(&format!(
+        r#"{{"width": 5, "encoder_width": 5, "code_dim": 4, "codes": 3, "quantizers": 1, "depth": 3,
+            "dilations": [9, 3, 1], "right": {right}, "down_t": 2, "features": 67, "fps": 20.0}}"#,
+    ))
     .expect("a configuration");
     let mut numbers = Numbers(7);
     let mut map = TensorMap::default();
@@ -88,8 +93,13 @@ fn recovery_of_joints() {
 
 #[test]
 fn objective_with_all_terms_through_decoder_and_recovery() {
-    let checkpoint = checkpoint();
-    let decode_path = DecodePath::<f64>::new(&checkpoint).expect("statistics");
+    for right in [SYMMETRICAL, MOSTLY_CAUSAL] {
+        check_objective(&checkpoint(right));
+    }
+}
+
+fn check_objective(checkpoint: &TokenizerCheckpoint) {
+    let decode_path = DecodePath::<f64>::new(checkpoint).expect("statistics");
     let tokens = 9;
     let mut numbers = Numbers(5);
     let origin = numbers.take(tokens * 4, 1.0);
@@ -130,7 +140,7 @@ fn objective_with_all_terms_through_decoder_and_recovery() {
 
 #[test]
 fn single_precision_gradient_agrees_with_double() {
-    let checkpoint = checkpoint();
+    let checkpoint = checkpoint(MOSTLY_CAUSAL);
     let (double, single) =
         (DecodePath::<f64>::new(&checkpoint).expect("f64"), DecodePath::<f32>::new(&checkpoint).expect("f32"));
     let u = Numbers(9).take(9 * 4, 1.0);

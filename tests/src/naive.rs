@@ -7,14 +7,14 @@ use crate::tiny::{Layer, Tiny};
 type Sequence = Vec<Vec<f64>>;
 
 fn convolve(layer: &Layer, x: &Sequence) -> Sequence {
-    let middle = (layer.taps / 2) as isize;
+    let left = ((layer.taps - 1) * layer.dilation - layer.right) as isize;
     (0..x.len() as isize)
         .map(|t| {
             (0..layer.outputs)
                 .map(|n| {
                     let mut sum = layer.biases[n];
                     for tap in 0..layer.taps {
-                        let source = t + (tap as isize - middle) * layer.dilation as isize;
+                        let source = t + (tap * layer.dilation) as isize - left;
                         if let Some(row) = usize::try_from(source).ok().and_then(|s| x.get(s)) {
                             for (k, v) in row.iter().enumerate() {
                                 sum += v * layer.weights[(tap * layer.outputs + n) * layer.inputs + k];

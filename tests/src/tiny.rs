@@ -22,6 +22,8 @@ pub struct Shape {
     pub stages: u8,
     /// Dilations in order of execution.
     pub dilations: Vec<u8>,
+    /// Rows that each of the decoder's convolutions with three taps looks ahead, in order of execution. Empty: its dilation.
+    pub right: Vec<u8>,
     /// Leading output rows in int16.
     pub wide: u16,
     /// Longest motion.
@@ -92,6 +94,7 @@ impl Default for Shape {
             quantizers: 1,
             stages: 2,
             dilations: vec![3, 1],
+            right: vec![],
             wide: 4,
             max_tokens: 49,
             frame_rate: 20,
@@ -105,6 +108,23 @@ impl Shape {
     #[must_use]
     pub fn with_prior() -> Self {
         Shape { max_tokens: 13, prior: Some(PriorShape::default()), ..Shape::default() }
+    }
+
+    /// Dilations of the decoder's convolutions with three taps in order of execution, each with how far it looks ahead.
+    #[must_use]
+    pub fn convolutions(&self) -> Vec<(u8, u8)> {
+        let stages = (0..self.stages).flat_map(|_| self.dilations.iter().copied().chain([1]));
+        let dilations: Vec<u8> = [1].into_iter().chain(stages).chain([1, 1]).collect();
+        let right = if self.right.is_empty() { dilations.clone() } else { self.right.clone() };
+        assert_eq!(dilations.len(), right.len(), "a mistake in the test");
+        dilations.into_iter().zip(right).collect()
+    }
+
+    /// The same shape whose decoder looks nowhere ahead.
+    #[must_use]
+    pub fn causal(self) -> Self {
+        let right = vec![0; self.convolutions().len()];
+        Shape { right, ..self }
     }
 }
 
@@ -149,6 +169,8 @@ pub struct Layer {
     pub taps: usize,
     /// Dilation.
     pub dilation: usize,
+    /// Rows that the last tap looks ahead.
+    pub right: usize,
     /// Output channels.
     pub outputs: usize,
     /// Input channels.
@@ -331,6 +353,7 @@ impl Writer {
         Layer {
             taps: usize::from(taps),
             dilation: usize::from(dilation),
+            right: usize::from(taps / 2) * usize::from(dilation),
             outputs: rows,
             inputs: columns,
             weights,
@@ -397,7 +420,7 @@ impl Writer {
         });
         let bank = bank.collect();
         if !prior.planned {
-            let none = Layer { taps: 1, dilation: 1, outputs: 0, inputs: 0, weights: vec![], biases: vec![] };
+            let none = Layer { taps: 1, dilation: 1, right: 0, outputs: 0, inputs: 0, weights: vec![], biases: vec![] };
             let tables = [vec![], vec![], vec![], vec![], vec![]];
             let norm = (vec![], vec![]);
             return Prior { encoder, length, bank, global: none.clone(), tables, blocks: vec![], norm, token: none };
@@ -483,6 +506,9 @@ impl Tiny {
         }
         layers.push(writer.layer("decoder.middle", 3, 1, width, width, 0));
         layers.push(writer.layer("decoder.output", 3, 1, FEATURES, width, shape.wide));
+        for (layer, (_, right)) in layers.iter_mut().filter(|layer| layer.taps == 3).zip(shape.convolutions()) {
+            layer.right = usize::from(right);
+        }
 
         let prior = shape.prior.as_ref().map(|prior| writer.prior(&shape, prior));
         let config = shape.prior.as_ref().and_then(|prior| Some((prior.planner, prior.control?)));
@@ -510,9 +536,10 @@ impl Tiny {
         });
         let skeleton = skeleton();
         // Kernel 3 everywhere but behind each dilated convolution.
-        let each = |rows: u16| Padding { left: rows, right: rows };
-        let stage = || shape.dilations.iter().map(|&d| u16::from(d)).chain([1]);
-        let stages = (0..shape.stages).flat_map(|_| stage());
+        let each = |(dilation, right): (u8, u8)| Padding {
+            left: 2 * u16::from(dilation) - u16::from(right),
+            right: u16::from(right),
+        };
         let manifest = Manifest {
             card: Card { name: "tiny", licence: "MIT OR Apache-2.0", data: "random numbers", checkpoint: "" },
             representation: Representation::HumanMl3d(HumanMl3d {
@@ -526,7 +553,7 @@ impl Tiny {
                 quantizers: shape.quantizers,
                 stages: shape.stages,
                 dilations: shape.dilations.iter().copied().collect(),
-                padding: [1].into_iter().chain(stages).chain([1, 1]).map(each).collect(),
+                padding: shape.convolutions().into_iter().map(each).collect(),
                 features: FEATURES,
             }),
             text,
@@ -566,7 +593,8 @@ pub fn assemble(manifest: &Manifest<'_>, entries: &[Entry], weights: &[u8]) -> V
     let weights_offset = (32 + text.len()).next_multiple_of(16);
     let mut header = Header {
         major: MAJOR,
-        minor: 0,
+        // The first that has padding which differs.
+        minor: u16::from(manifest.codec.decoder().padding.iter().any(|padding| padding.left != padding.right)),
         total_len: (weights_offset + weights.len()) as u32,
         manifest_len: text.len() as u32,
         weights_offset: weights_offset as u32,

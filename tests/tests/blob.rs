@@ -185,9 +185,10 @@ fn refused_values_of_the_manifest_are_named() {
     assert_eq!(with(place::STAGES, &[3]), config("entries of codec.padding", 7, 9));
     assert_eq!(with(place::DILATIONS + 1, &[2]), config("codec.padding, left and right together", 2, 4));
     // A causal convolution: nothing ahead. The first stage's first.
-    let causal = config("codec.padding on the right, beside the left", 0, 2);
-    assert_eq!(with(place::PADDING + 3, &[2, 0]), causal);
+    assert_eq!(with(place::PADDING + 3, &[2, 0]), Ok(()));
     assert_eq!(with(place::PADDING + 3, &[0, 2]), config("codec.padding on the right, beside the left", 2, 0));
+    assert_eq!(with(place::PADDING + 3, &[3, 0]), config("codec.padding, left and right together", 3, 2));
+    assert_eq!(with(place::PADDING + 3, &[0, 0]), config("codec.padding, left and right together", 0, 2));
     assert_eq!(with(place::FEATURES, &[0x88]), config("codec.features", 264, 263));
     assert_eq!(with(place::MAX_TOKENS, &[0]), config("generator.max_tokens", 0, 256));
     assert_eq!(with(place::TENSOR_COUNT, &[0]), config("tensor_count", 0, 1024));

@@ -22,7 +22,11 @@ fn shapes() -> Vec<Shape> {
         Shape { width: 36, code_width: 48, dilations: vec![9, 3, 1], ..base.clone() },
         Shape { width: 70, code_width: 5, wide: 0, dilations: vec![1], ..base.clone() },
         Shape { quantizers: 3, stages: 1, dilations: vec![2, 1, 1, 5], ..base.clone() },
-        Shape { width: 3, code_width: 1, stages: 3, wide: 263, max_tokens: 9, ..base },
+        Shape { width: 3, code_width: 1, stages: 3, wide: 263, max_tokens: 9, ..base.clone() },
+        // Decoders that look less far ahead than back.
+        base.clone().causal(),
+        Shape { dilations: vec![9, 3, 1], right: vec![1, 4, 3, 1, 0, 0, 2, 0, 1, 0, 1], ..base.clone() },
+        Shape { quantizers: 2, stages: 3, dilations: vec![2], right: vec![0, 1, 1, 0, 0, 2, 1, 1, 0], ..base },
     ]
 }
 

@@ -88,7 +88,11 @@ fn gradients_agree_with_central_differences_for_every_shape() {
         Shape { width: 8, wide: 0, dilations: vec![2], stages: 1, ..base.clone() },
         Shape { width: 5, wide: 100, stages: 3, ..base.clone() },
         // Codes wider than a token's frames together.
-        Shape { width: 8, code_width: 40, wide: 0, dilations: vec![1], stages: 1, ..base },
+        Shape { width: 8, code_width: 40, wide: 0, dilations: vec![1], stages: 1, ..base.clone() },
+        // Decoders that look less far ahead than back.
+        base.clone().causal(),
+        Shape { dilations: vec![9, 3, 1], right: vec![1, 4, 3, 1, 0, 0, 2, 0, 1, 0, 1], ..base.clone() },
+        Shape { stages: 3, dilations: vec![2], right: vec![0, 1, 1, 0, 0, 2, 1, 1, 0], ..base },
     ];
     for (seed, shape) in shapes.into_iter().enumerate() {
         let tiny = Tiny::new(shape.clone(), 40 + seed as u64);

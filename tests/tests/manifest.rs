@@ -147,7 +147,7 @@ fn sections_that_are_absent_take_a_byte() {
     assert_eq!(manifest.self_test, SelfTest { seed: 1, tokens: 2, hash: 3 });
 }
 
-/// The next kind of each section, which no reader of 4.0 can know: refused by the name of the section, with the format that it needs.
+/// The next kind of each section, which no reader of today can know: refused by the name of the section, with the format that it needs.
 #[test]
 fn kinds_that_came_later_are_named() {
     let written = Written::new();
@@ -159,7 +159,7 @@ fn kinds_that_came_later_are_named() {
         assert_eq!(error, Error::Unknown { section, found: known, known, minor: 7 });
         let said = error.to_string();
         for word in
-            [format!("{section} is of kind {known}"), "4.0".to_owned(), "firmware that reads format 4.7".to_owned()]
+            [format!("{section} is of kind {known}"), "4.1".to_owned(), "firmware that reads format 4.7".to_owned()]
         {
             assert!(said.contains(&word), "{word:?} not in: {said}");
         }

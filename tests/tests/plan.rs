@@ -126,19 +126,27 @@ fn anchors(random: &mut Stream, frames: usize) -> Vec<Anchor> {
 /// Multiply-accumulates of decoding so many tokens to joints, counted by hand: taps outside the sequence are none.
 fn decoding(shape: &Shape, tokens: usize) -> u64 {
     let (width, code_width) = (usize::from(shape.width), usize::from(shape.code_width));
-    let conv = |rows: usize, dilation: usize, weights: usize| (3 * rows - 2 * rows.min(dilation)) * weights;
+    let mut convolutions = shape.convolutions().into_iter();
+    let mut padding =
+        || convolutions.next().map(|(dilation, right)| (usize::from(dilation), usize::from(right))).expect("all");
+    // Each tap loses the rows that it reaches outside.
+    let conv = |rows: usize, (dilation, right): (usize, usize), weights: usize| {
+        let outside = [2 * dilation - right, dilation - right, right].map(|reach| rows.min(reach));
+        (3 * rows - outside.iter().sum::<usize>()) * weights
+    };
     let mut rows = tokens;
-    let mut macs = conv(rows, 1, code_width * width);
+    let mut macs = conv(rows, padding(), code_width * width);
     for _ in 0..shape.stages {
-        for &dilation in &shape.dilations {
-            macs += conv(rows, usize::from(dilation), width * width) + rows * width * width;
+        for _ in &shape.dilations {
+            macs += conv(rows, padding(), width * width) + rows * width * width;
         }
-        // Each row's products serve both its copies.
-        macs += 3 * rows * width * width;
+        // Each row's products serve both its copies. Where the first tap looks back two rows, it has no use for the last.
+        let (_, right) = padding();
+        macs += (3 * rows - (1 - right)) * width * width;
         rows *= 2;
     }
     let outputs = POSITION_CHANNELS + POSITION_CHANNELS.min(usize::from(shape.wide));
-    (macs + conv(rows, 1, width * width) + conv(rows, 1, width * outputs)) as u64
+    (macs + conv(rows, padding(), width * width) + conv(rows, padding(), width * outputs)) as u64
 }
 
 /// What a run of requests saw.
@@ -281,6 +289,8 @@ fn plans_bound_bytes_and_multiply_accumulates() {
     let mut models = fuzz::corpus();
     let controlled = Shape { prior: Some(PriorShape::with_control()), ..Shape::with_prior() };
     let shapes = [("default", Shape::default()), ("with prior", Shape::with_prior()), ("with control", controlled)];
+    let mixed = Shape { right: vec![1, 2, 1, 0, 0, 1, 1, 0, 1], ..Shape::with_prior() };
+    let shapes = shapes.into_iter().chain([("causal", Shape::default().causal()), ("mixed padding", mixed)]);
     models.extend(shapes.into_iter().map(|(name, shape)| (name, Tiny::new(shape, 9))));
     let mut seen = Seen::default();
     let mut random = Stream::new(7);

@@ -25,8 +25,29 @@ fn shapes() -> Vec<Shape> {
         Shape { quantizers: 3, stages: 1, dilations: vec![2, 1, 1, 5], ..base.clone() },
         Shape { width: 3, code_width: 1, stages: 3, wide: 263, max_tokens: 49, ..base.clone() },
         // A reach beyond anything that passes at once.
-        Shape { dilations: vec![1, 40], ..base },
+        Shape { dilations: vec![1, 40], ..base.clone() },
+        // Decoders that look less far ahead than back: nowhere, one token, here and there.
+        base.clone().causal(),
+        Shape { dilations: vec![9, 3, 1], right: vec![1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], ..base.clone() },
+        Shape { dilations: vec![9, 3, 1], right: vec![1, 4, 3, 1, 0, 0, 2, 0, 1, 0, 1], ..base.clone() },
+        Shape { stages: 3, dilations: vec![2], right: vec![0, 1, 1, 0, 0, 2, 1, 1, 0], ..base.clone() },
+        Shape { dilations: vec![1, 40], stages: 1, right: vec![0, 0, 7, 1, 0, 1], ..base },
     ]
+}
+
+/// Frames before and behind a frame that a decoder depends on, counted by hand.
+fn reach(shape: &Shape) -> (usize, usize) {
+    let blocks = shape.dilations.len();
+    let (mut behind, mut ahead) = (0, 0);
+    for (place, (dilation, right)) in shape.convolutions().into_iter().enumerate() {
+        // The last of each stage runs on rows twice as many.
+        if place > 0 && place.is_multiple_of(blocks + 1) && place / (blocks + 1) <= usize::from(shape.stages) {
+            (behind, ahead) = (2 * behind, 2 * ahead);
+        }
+        behind += usize::from(2 * dilation - right);
+        ahead += usize::from(right);
+    }
+    (behind, ahead)
 }
 
 fn nano() -> BlobFile {
@@ -165,6 +186,7 @@ fn the_radius_is_how_far_a_token_reaches() {
         let model = Model::open(tiny.bytes()).expect("blob opens");
         let mut random = Stream::new(7 + seed as u64);
         let radius = model.decoder().radius_frames();
+        assert_eq!(radius, reach(&shape).1, "{shape:?}");
         let (up, quantizers) = (model.frames_per_token(), model.codebooks().quantizers());
         let length = 2 * model.decoder().radius_tokens() + 2;
         // The earliest frame that a change of the last token changes, over several motions: a ReLU may stand in the way.
@@ -188,6 +210,38 @@ fn the_radius_is_how_far_a_token_reaches() {
         assert_eq!((plan.radius_tokens, plan.latency_frames), (radius.div_ceil(up), radius));
     }
     assert_eq!(nano().model().unwrap().decoder().radius_tokens(), 22);
+}
+
+/// What a decoder makes of a change of its first token ends where the padding on the left says, which no interface tells.
+#[test]
+fn a_token_reaches_back_as_far_as_the_padding_on_the_left() {
+    for (seed, shape) in shapes().into_iter().enumerate() {
+        let tiny = Tiny::new(shape.clone(), 20 + seed as u64);
+        let model = Model::open(tiny.bytes()).expect("blob opens");
+        let mut random = Stream::new(7 + seed as u64);
+        let decoder = model.decoder();
+        let (up, behind) = (model.frames_per_token(), reach(&shape).0);
+        let length = behind.div_ceil(up) + 3;
+        let all = channels(u32::MAX);
+        let decode = |u: &[f32]| {
+            let mut memory = vec![0u8; decoder.workspace_bytes(length, POSITION_CHANNELS, ROWS)];
+            let mut work = decoder.workspace(&mut Arena::new(&mut memory), length, POSITION_CHANNELS, ROWS).unwrap();
+            let mut values = vec![0.0; length * up * all.count()];
+            assert!(decoder.forward(u, &all, &mut values, &mut work, &mut || ControlFlow::Continue(())).is_continue());
+            values
+        };
+        // Over several motions: a ReLU may stand in the way.
+        let mut reached = 0;
+        for _ in 0..64 {
+            let mut u: Vec<f32> = (0..length * decoder.code_width()).map(|_| 2.0 * random.unit() - 1.0).collect();
+            let before = decode(&u);
+            u[..decoder.code_width()].iter_mut().for_each(|v| *v *= -1.5);
+            let after = decode(&u);
+            let last = before.iter().zip(&after).rposition(|(a, b)| a != b).expect("the token matters") / all.count();
+            reached = reached.max(last);
+        }
+        assert_eq!(reached, up - 1 + behind, "{shape:?}");
+    }
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The bytes of a blob: header, manifest, tensor table, weight section (`runtime/src/blob/FORMAT.md`).
 
-use motionette::blob::{ALIGNMENT, DType, HEADER_LEN, Header, MAJOR, MINOR, Manifest, TensorEntry};
+use motionette::blob::{ALIGNMENT, DType, HEADER_LEN, Header, MAJOR, Manifest, TensorEntry};
 
 use super::AlignedBlob;
 
@@ -62,6 +62,11 @@ pub fn write(manifest: &Manifest<'_>, tensors: &[Tensor]) -> Result<AlignedBlob,
     file(manifest, &table, &weights)
 }
 
+/// The oldest minor version that has all that a manifest says: 1 where a convolution looks less far ahead than back, else 0.
+fn minor(manifest: &Manifest<'_>) -> u16 {
+    u16::from(manifest.codec.decoder().padding.iter().any(|padding| padding.left != padding.right))
+}
+
 /// The bytes of a blob from its parts: header, `manifest`, the tensor `table` as it is on the wire, `weights`.
 ///
 /// # Errors
@@ -72,7 +77,7 @@ pub fn file(manifest: &Manifest<'_>, table: &[u8], weights: &[u8]) -> Result<Ali
     let offset = (HEADER_LEN + text.len()).next_multiple_of(ALIGNMENT);
     let mut header = Header {
         major: MAJOR,
-        minor: MINOR,
+        minor: minor(manifest),
         total_len: narrow(offset + weights.len(), "blob")?,
         manifest_len: narrow(text.len(), "manifest")?,
         weights_offset: narrow(offset, "manifest")?,

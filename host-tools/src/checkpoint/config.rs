@@ -57,6 +57,13 @@ pub struct Config {
     pub depth: usize,
     /// Dilations in order of execution, `depth` of them.
     pub dilations: Vec<usize>,
+    /// Those of the encoder, where they are not the decoder's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub encoder_dilations: Vec<usize>,
+    /// Samples that each convolution with three taps of the decoder looks ahead, in order of execution: at most its dilation. None: all
+    /// look as far ahead as back.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub right: Vec<usize>,
     /// Halvings of the frame rate: r = 2^down_t frames a token.
     pub down_t: usize,
     /// Features F a frame.
@@ -128,6 +135,8 @@ impl Config {
             quantizers,
             depth,
             dilations,
+            encoder_dilations: Vec::new(),
+            right: Vec::new(),
             down_t: options.count("down_t", MAX_DOWN)?,
             features: 263,
             fps: 20.0,
@@ -147,6 +156,25 @@ impl Config {
     #[must_use]
     pub fn frames_per_token(&self) -> usize {
         1 << self.down_t
+    }
+
+    /// Dilations of the encoder's residual blocks.
+    #[must_use]
+    pub fn encoder_dilations(&self) -> &[usize] {
+        if self.encoder_dilations.is_empty() { &self.dilations } else { &self.encoder_dilations }
+    }
+
+    /// Dilations of the decoder's convolutions with three taps, in order of execution.
+    fn decoder_dilations(&self) -> Vec<usize> {
+        let stage = || self.dilations.iter().copied().chain([1]);
+        let stages = (0..self.down_t).flat_map(|_| stage());
+        std::iter::once(1).chain(stages).chain([1, 1]).collect()
+    }
+
+    /// How far each of them looks ahead.
+    #[must_use]
+    pub fn right(&self) -> Vec<usize> {
+        if self.right.is_empty() { self.decoder_dilations() } else { self.right.clone() }
     }
 
     fn check(&self) -> Result<()> {
@@ -172,6 +200,18 @@ impl Config {
                 key: "dilations".into(),
                 value: format!("{:?}", self.dilations),
                 expected: format!("{} numbers (depth)", self.depth),
+            });
+        }
+        range("depth of the encoder", self.encoder_dilations().len(), MAX_DEPTH)?;
+        for &d in self.encoder_dilations() {
+            range("encoder_dilations", d, MAX_DILATION)?;
+        }
+        let (right, most) = (self.right(), self.decoder_dilations());
+        if right.len() != most.len() || right.iter().zip(&most).any(|(right, most)| right > most) {
+            return Err(ErrorKind::Option {
+                key: "right".into(),
+                value: format!("{right:?}"),
+                expected: format!("{} numbers, each at most the dilation: {most:?}", most.len()),
             });
         }
         if !(self.fps.is_finite() && self.fps > 0.0) {

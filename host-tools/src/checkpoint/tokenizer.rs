@@ -24,7 +24,7 @@ pub struct Conv1d {
 /// `x + conv2(relu(conv1(relu(x))))`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResBlock {
-    /// Three taps, dilated; padding = dilation.
+    /// Three taps, dilated.
     pub conv1: Conv1d,
     /// One tap.
     pub conv2: Conv1d,
@@ -72,6 +72,8 @@ pub struct Decoder {
     pub hidden: Conv1d,
     /// Width to F.
     pub output: Conv1d,
+    /// Frames that each convolution with three taps looks ahead, in order of execution. It looks back what is left of twice its dilation.
+    pub right: Vec<usize>,
 }
 
 impl Decoder {
@@ -158,7 +160,7 @@ impl Builder<'_> {
         let stage = |s: usize| {
             Ok(EncoderStage {
                 down: self.conv(format!("encoder.model.{}.0", s + 2), width, width, 4)?,
-                blocks: self.blocks(&format!("encoder.model.{}.1", s + 2), width, &c.dilations)?,
+                blocks: self.blocks(&format!("encoder.model.{}.1", s + 2), width, c.encoder_dilations())?,
             })
         };
         Ok(Encoder {
@@ -181,6 +183,7 @@ impl Builder<'_> {
             stages: (0..c.down_t).map(stage).collect::<Result<_>>()?,
             hidden: self.conv(format!("decoder.model.{}", c.down_t + 2), width, width, 3)?,
             output: self.conv(format!("decoder.model.{}", c.down_t + 4), c.features, width, 3)?,
+            right: c.right(),
         })
     }
 }

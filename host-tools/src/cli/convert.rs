@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, ValueEnum};
-use motionette::blob::{MAJOR, MINOR};
+use motionette::blob::MAJOR;
 use serde_json::{Value, json};
 
 use super::model::{CheckpointFiles, grouped};
@@ -198,7 +198,11 @@ impl Cmd {
         let bytes = lifted.blob.bytes();
         write_atomic(&self.output, |w| w.write_all(bytes)).context("writing the blob")?;
         let ([major, minor], [old, new]) = (lifted.from, &lifted.hashes);
-        say(&format!("format {major}.{minor} to {MAJOR}.{MINOR}, {} bytes of weights", grouped(lifted.weights as u64)));
+        say(&format!(
+            "format {major}.{minor} to {MAJOR}.{}, {} bytes of weights",
+            lift::LIFTED,
+            grouped(lifted.weights as u64)
+        ));
         say(&format!("  SHA-256 of the old weight section  {old}"));
         say(&format!("  SHA-256 of the new weight section  {new}"));
         say(&format!("{} bytes to {}", grouped(bytes.len() as u64), self.output.display()));
@@ -206,7 +210,7 @@ impl Cmd {
             "output": self.output,
             "bytes": bytes.len(),
             "from": format!("{major}.{minor}"),
-            "version": format!("{MAJOR}.{MINOR}"),
+            "version": format!("{MAJOR}.{}", lift::LIFTED),
             "weights": lifted.weights,
             "old_weights_sha256": old,
             "new_weights_sha256": new,

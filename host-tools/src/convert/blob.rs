@@ -158,6 +158,11 @@ fn decoder_config(checkpoint: &TokenizerCheckpoint) -> Result<DecoderConfig, Err
         features: narrow(c.features, "number of features")?,
     };
     config.padding = config.symmetrical();
+    for (padding, right) in config.padding.iter_mut().zip(c.right()) {
+        let both = padding.left + padding.right;
+        padding.right = narrow(right, "look-ahead of a convolution")?;
+        padding.left = both - padding.right;
+    }
     Ok(config)
 }
 

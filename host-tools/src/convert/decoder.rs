@@ -23,23 +23,27 @@ enum Step<'a> {
 }
 
 fn steps(decoder: &checkpoint::Decoder) -> Vec<Step<'_>> {
-    let mut steps = vec![Step::Convolve(&decoder.input, Geometry::same(1)), Step::Relu];
+    let mut right = decoder.right.iter().copied();
+    // In the order of execution.
+    let mut geometry =
+        |dilation| Geometry::ahead(dilation, right.next().expect("one for each convolution with three taps"));
+    let mut steps = vec![Step::Convolve(&decoder.input, geometry(1)), Step::Relu];
     for stage in &decoder.stages {
         for block in &stage.blocks {
             steps.extend([
                 Step::Keep,
                 Step::Relu,
-                Step::Convolve(&block.conv1, Geometry::same(block.dilation)),
+                Step::Convolve(&block.conv1, geometry(block.dilation)),
                 Step::Relu,
                 Step::ConvolveAndAdd(&block.conv2),
             ]);
         }
-        steps.extend([Step::Twice(stage.up.inputs), Step::Convolve(&stage.up, Geometry::same(1))]);
+        steps.extend([Step::Twice(stage.up.inputs), Step::Convolve(&stage.up, geometry(1))]);
     }
     steps.extend([
-        Step::Convolve(&decoder.hidden, Geometry::same(1)),
+        Step::Convolve(&decoder.hidden, geometry(1)),
         Step::Relu,
-        Step::Convolve(&decoder.output, Geometry::same(1)),
+        Step::Convolve(&decoder.output, geometry(1)),
     ]);
     steps
 }
@@ -149,7 +153,7 @@ fn observe(conv: &checkpoint::Conv1d, geometry: Geometry, samples: &[Sample], ad
                 continue;
             }
             for k in 0..kernel {
-                let source = (t * geometry.stride + k * geometry.dilation).checked_sub(geometry.padding);
+                let source = (t * geometry.stride + k * geometry.dilation).checked_sub(geometry.left);
                 let row = source.filter(|&f| f < frames).map(|f| &s.quantised[f * inputs..(f + 1) * inputs]);
                 for i in 0..inputs {
                     x[i * kernel + k] = row.map_or(0.0, |row| f64::from(row[i]));

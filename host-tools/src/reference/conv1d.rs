@@ -8,8 +8,10 @@ use crate::checkpoint;
 pub struct Geometry {
     /// Frames between neighbouring outputs.
     pub stride: usize,
-    /// Zero rows before the first and after the last frame.
-    pub padding: usize,
+    /// Zero rows before the first frame: how far an output looks back.
+    pub left: usize,
+    /// Zero rows after the last frame: how far it looks ahead.
+    pub right: usize,
     /// Frames between neighbouring taps.
     pub dilation: usize,
 }
@@ -18,17 +20,23 @@ impl Geometry {
     /// Keeps the length of a three-tap convolution of that dilation; with `dilation` 0 taps, use [`Geometry::POINT`].
     #[must_use]
     pub const fn same(dilation: usize) -> Self {
-        Self { stride: 1, padding: dilation, dilation }
+        Self::ahead(dilation, dilation)
+    }
+
+    /// Keeps the length of a three-tap convolution of that dilation which looks so many frames ahead, at most twice the dilation.
+    #[must_use]
+    pub const fn ahead(dilation: usize, right: usize) -> Self {
+        Self { stride: 1, left: 2 * dilation - right, right, dilation }
     }
 
     /// One tap.
-    pub const POINT: Self = Self { stride: 1, padding: 0, dilation: 1 };
+    pub const POINT: Self = Self { stride: 1, left: 0, right: 0, dilation: 1 };
 
     /// Four taps, half the frames.
-    pub const HALVE: Self = Self { stride: 2, padding: 1, dilation: 1 };
+    pub const HALVE: Self = Self { stride: 2, left: 1, right: 1, dilation: 1 };
 }
 
-/// `y[t][o] = b[o] + sum_k sum_i w[o][i][k] x[t * stride + k * dilation - padding][i]`, rows outside are zero.
+/// `y[t][o] = b[o] + sum_k sum_i w[o][i][k] x[t * stride + k * dilation - left][i]`, rows outside are zero.
 #[derive(Debug, Clone)]
 pub struct Conv1d<T> {
     /// Name in the checkpoint.
@@ -78,8 +86,8 @@ impl<T: Real> Conv1d<T> {
     /// Number of output frames for `frames` input frames.
     #[must_use]
     pub fn output_frames(&self, frames: usize) -> usize {
-        let Geometry { stride, padding, dilation } = self.geometry;
-        (frames + 2 * padding).checked_sub(dilation * (self.kernel - 1) + 1).map_or(0, |last| last / stride + 1)
+        let Geometry { stride, left, right, dilation } = self.geometry;
+        (frames + left + right).checked_sub(dilation * (self.kernel - 1) + 1).map_or(0, |last| last / stride + 1)
     }
 
     /// `x` `[T][inputs]` to `[T'][outputs]`.
@@ -117,7 +125,7 @@ impl<T: Real> Conv1d<T> {
 
     /// The input frame that tap `k` of output frame `t` meets, `None` in the padding.
     fn source_frame(&self, t: usize, k: usize, frames: usize) -> Option<usize> {
-        let at = (t * self.geometry.stride + k * self.geometry.dilation).checked_sub(self.geometry.padding)?;
+        let at = (t * self.geometry.stride + k * self.geometry.dilation).checked_sub(self.geometry.left)?;
         (at < frames).then_some(at)
     }
 }
@@ -161,12 +169,12 @@ mod tests {
     fn naive(c: &checkpoint::Conv1d, g: Geometry, x: &[f64], frames: usize, outputs: usize) -> Vec<f64> {
         let mut y = Vec::new();
         let mut t = 0;
-        while t * g.stride + g.dilation * (c.kernel - 1) < frames + 2 * g.padding {
+        while t * g.stride + g.dilation * (c.kernel - 1) < frames + g.left + g.right {
             for o in 0..outputs {
                 let mut sum = f64::from(c.bias[o]);
                 for i in 0..c.inputs {
                     for k in 0..c.kernel {
-                        let s = (t * g.stride + k * g.dilation) as isize - g.padding as isize;
+                        let s = (t * g.stride + k * g.dilation) as isize - g.left as isize;
                         if s >= 0 && (s as usize) < frames {
                             sum +=
                                 f64::from(c.weight[(o * c.inputs + i) * c.kernel + k]) * x[s as usize * c.inputs + i];
@@ -185,6 +193,9 @@ mod tests {
         for (outputs, inputs, kernel, g, frames) in [
             (2, 3, 3, Geometry::same(1), 5),
             (3, 2, 3, Geometry::same(9), 7),
+            (3, 2, 3, Geometry::ahead(1, 0), 5),
+            (2, 3, 3, Geometry::ahead(3, 1), 8),
+            (2, 3, 3, Geometry::ahead(9, 0), 7),
             (4, 5, 1, Geometry::POINT, 3),
             (2, 3, 4, Geometry::HALVE, 8),
             (2, 3, 4, Geometry::HALVE, 9),

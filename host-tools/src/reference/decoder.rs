@@ -39,15 +39,20 @@ impl<T: Real> Decoder<T> {
     /// From a checkpoint's weights; only the first `channels` features are computed.
     #[must_use]
     pub fn new(source: &checkpoint::Decoder, channels: usize) -> Self {
-        let stage = |s: &checkpoint::DecoderStage| Stage {
-            blocks: s.blocks.iter().map(ResBlock::new).collect(),
-            up: Conv1d::new(&s.up, Geometry::same(1)),
+        let mut right = source.right.iter().copied();
+        // In the order of execution.
+        let mut right = || right.next().expect("one for each convolution with three taps");
+        let input = Conv1d::new(&source.input, Geometry::ahead(1, right()));
+        let mut stage = |s: &checkpoint::DecoderStage| Stage {
+            blocks: s.blocks.iter().map(|block| ResBlock::new(block, right())).collect(),
+            up: Conv1d::new(&s.up, Geometry::ahead(1, right())),
         };
+        let stages = source.stages.iter().map(&mut stage).collect();
         Self {
-            input: Conv1d::new(&source.input, Geometry::same(1)),
-            stages: source.stages.iter().map(stage).collect(),
-            hidden: Conv1d::new(&source.hidden, Geometry::same(1)),
-            output: Conv1d::with_outputs(&source.output, Geometry::same(1), channels),
+            input,
+            stages,
+            hidden: Conv1d::new(&source.hidden, Geometry::ahead(1, right())),
+            output: Conv1d::with_outputs(&source.output, Geometry::ahead(1, right()), channels),
         }
     }
 

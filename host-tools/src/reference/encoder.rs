@@ -18,7 +18,7 @@ impl<T: Real> Encoder<T> {
     #[must_use]
     pub fn new(source: &checkpoint::Encoder) -> Self {
         let stage = |s: &checkpoint::EncoderStage| {
-            (Conv1d::new(&s.down, Geometry::HALVE), s.blocks.iter().map(ResBlock::new).collect())
+            (Conv1d::new(&s.down, Geometry::HALVE), s.blocks.iter().map(|b| ResBlock::new(b, b.dilation)).collect())
         };
         Self {
             input: Conv1d::new(&source.input, Geometry::same(1)),

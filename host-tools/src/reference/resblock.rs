@@ -23,11 +23,11 @@ pub struct BlockTrace<T> {
 }
 
 impl<T: Real> ResBlock<T> {
-    /// From a checkpoint's weights.
+    /// From a checkpoint's weights, looking so many frames ahead.
     #[must_use]
-    pub fn new(source: &checkpoint::ResBlock) -> Self {
+    pub fn new(source: &checkpoint::ResBlock, right: usize) -> Self {
         Self {
-            conv1: Conv1d::new(&source.conv1, Geometry::same(source.dilation)),
+            conv1: Conv1d::new(&source.conv1, Geometry::ahead(source.dilation, right)),
             conv2: Conv1d::new(&source.conv2, Geometry::POINT),
         }
     }

@@ -200,7 +200,9 @@ pub fn check_same_model(blob: &BlobFile, checkpoint: &TokenizerCheckpoint) -> Re
         ("number of residual blocks", d.dilations.len(), c.depth),
         ("number of features", usize::from(d.features), c.features),
     ];
-    match sizes.into_iter().find(|(_, blob, checkpoint)| blob != checkpoint) {
+    let right = d.padding.iter().map(|padding| usize::from(padding.right)).zip(c.right());
+    let right = right.map(|(blob, checkpoint)| ("look-ahead of a convolution", blob, checkpoint));
+    match sizes.into_iter().chain(right).find(|(_, blob, checkpoint)| blob != checkpoint) {
         Some((what, blob, checkpoint)) => Err(Error::Mismatch { what, blob, checkpoint }),
         None => Ok(()),
     }

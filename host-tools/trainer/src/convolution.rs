@@ -6,7 +6,7 @@ use burn::tensor::{Device, Gradients, Tensor, TensorData};
 
 use crate::tensor_file::{self, TensorFile};
 
-/// Shape of one convolution. Padding is zero: `dilation` on both sides for kernel 3, one on both sides for kernel 4 with stride 2.
+/// Shape of one convolution. Padding is zero: `2 * dilation` in all for kernel 3, one on both sides for kernel 4 with stride 2.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shape {
     /// Name in the checkpoint, without `.weight` and `.bias`.
@@ -19,6 +19,9 @@ pub struct Shape {
     pub kernel: usize,
     /// Distance of two taps in samples.
     pub dilation: usize,
+    /// Samples of padding behind the end for kernel 3, which is how far it looks ahead: from 0, which is causal, to `dilation`, which is
+    /// symmetrical. The rest of the padding lies before the beginning.
+    pub right: usize,
 }
 
 impl Shape {
@@ -127,7 +130,7 @@ impl Convolution {
         assert_eq!(channels, self.shape.inputs, "{}: wrong number of channels", self.shape.name);
         let (patches, length) = match self.shape.kernel {
             1 => (x, time),
-            3 => (taps3(x, self.shape.dilation), time),
+            3 => (taps3(x, self.shape.dilation, self.shape.right), time),
             4 => (taps4(x), time / 2),
             kernel => panic!("{}: kernel {kernel} has no gather", self.shape.name),
         };
@@ -152,18 +155,32 @@ pub fn add_gradients<'t>(tensors: impl Iterator<Item = &'t Tensor<2>>, gradients
     }
 }
 
-/// Patches of kernel 3: `[B, T, C]` to `[B, T, 3 C]`.
-fn taps3(x: Tensor<3>, dilation: usize) -> Tensor<3> {
+/// Patches of kernel 3 of which the last tap is `right` samples ahead, at most `dilation`: `[B, T, C]` to `[B, T, 3 C]`.
+fn taps3(x: Tensor<3>, dilation: usize, right: usize) -> Tensor<3> {
+    let (first, middle) = (later(x.clone(), 2 * dilation - right), later(x.clone(), dilation - right));
+    Tensor::cat(vec![first, middle, earlier(x, right)], 2)
+}
+
+/// The sequence `shift` samples later: zeros come in at its beginning.
+fn later(x: Tensor<3>, shift: usize) -> Tensor<3> {
     let [batch, time, channels] = x.dims();
-    let shift = dilation.min(time);
-    let zeros = Tensor::<3>::zeros([batch, shift, channels], &x.device());
-    if shift == time {
-        let outside = zeros;
-        return Tensor::cat(vec![outside.clone(), x, outside], 2);
+    if shift == 0 {
+        return x;
     }
-    let before = Tensor::cat(vec![zeros.clone(), x.clone().narrow(1, 0, time - shift)], 1);
-    let after = Tensor::cat(vec![x.clone().narrow(1, shift, time - shift), zeros], 1);
-    Tensor::cat(vec![before, x, after], 2)
+    let shift = shift.min(time);
+    let zeros = Tensor::<3>::zeros([batch, shift, channels], &x.device());
+    if shift == time { zeros } else { Tensor::cat(vec![zeros, x.narrow(1, 0, time - shift)], 1) }
+}
+
+/// The sequence `shift` samples earlier: zeros come in at its end.
+fn earlier(x: Tensor<3>, shift: usize) -> Tensor<3> {
+    let [batch, time, channels] = x.dims();
+    if shift == 0 {
+        return x;
+    }
+    let shift = shift.min(time);
+    let zeros = Tensor::<3>::zeros([batch, shift, channels], &x.device());
+    if shift == time { zeros } else { Tensor::cat(vec![x.narrow(1, shift, time - shift), zeros], 1) }
 }
 
 /// Patches of kernel 4, stride 2, padding 1: `[B, T, C]` to `[B, T / 2, 4 C]`, row t holds samples 2 t - 1 .. 2 t + 2.
@@ -196,7 +213,8 @@ mod tests {
     fn direct(shape: &Shape, values: &[f32], x: &[f32], time: usize) -> Vec<f32> {
         let (stride, padding) = match shape.kernel {
             4 => (2, 1),
-            k => (1, (k - 1) / 2 * shape.dilation),
+            3 => (1, 2 * shape.dilation - shape.right),
+            _ => (1, 0),
         };
         let length = time / stride;
         let mut y = vec![0.0; length * shape.outputs];
@@ -222,10 +240,12 @@ mod tests {
     #[test]
     fn agrees_with_plain_loops() {
         let device = Device::flex();
-        for (kernel, dilation, time) in
-            [(1, 1, 6), (3, 1, 8), (3, 3, 8), (3, 9, 8), (3, 9, 4), (3, 3, 10), (4, 1, 8), (4, 1, 2)]
-        {
-            let shape = Shape { name: "test".into(), inputs: 3, outputs: 5, kernel, dilation };
+        let symmetrical = [(1, 1, 6), (3, 1, 8), (3, 3, 8), (3, 9, 8), (3, 9, 4), (3, 3, 10), (4, 1, 8), (4, 1, 2)];
+        let symmetrical = symmetrical.map(|(kernel, dilation, time)| (kernel, dilation, dilation, time));
+        let others = [(1, 0, 8), (3, 0, 8), (3, 1, 8), (3, 2, 4), (3, 1, 1), (4, 0, 4), (9, 5, 4), (2, 1, 3)];
+        let others = others.map(|(dilation, right, time)| (3, dilation, right, time));
+        for (kernel, dilation, right, time) in symmetrical.into_iter().chain(others) {
+            let shape = Shape { name: "test".into(), inputs: 3, outputs: 5, kernel, dilation, right };
             let values = noise(shape.parameters(), kernel as u64);
             let x = noise(2 * time * 3, 99);
             let convolution = Convolution::new(&shape, &values, false, &device);
@@ -234,14 +254,14 @@ mod tests {
             let expected: Vec<f32> = x.chunks(time * 3).flat_map(|x| direct(&shape, &values, x, time)).collect();
             assert_eq!(y.len(), expected.len());
             for (a, b) in y.iter().zip(&expected) {
-                assert!((a - b).abs() < 1e-5, "kernel {kernel} dilation {dilation} time {time}: {a} != {b}");
+                assert!((a - b).abs() < 1e-5, "kernel {kernel} dilation {dilation} {right} time {time}: {a} != {b}");
             }
         }
     }
 
     #[test]
     fn both_orders_of_a_file_give_the_weights_back() {
-        let shape = Shape { name: "test".into(), inputs: 2, outputs: 3, kernel: 4, dilation: 1 };
+        let shape = Shape { name: "test".into(), inputs: 2, outputs: 3, kernel: 4, dilation: 1, right: 1 };
         let values = noise(shape.parameters(), 5);
         for order in [Order::InputsFirst, Order::Torch] {
             let mut file = TensorFile::default();

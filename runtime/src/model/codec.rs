@@ -27,7 +27,7 @@ pub(super) fn check(codec: &Codec, representation: &Representation<'_>) -> Resul
     if found == features { Ok(()) } else { Err(Error::Config { what: "codec.features", found, limit: features }) }
 }
 
-/// Every convolution keeps the number of rows, and looks as far ahead as back: others are not built yet.
+/// Every convolution keeps the number of rows, and looks no farther ahead than back.
 fn padding(decoder: &DecoderConfig) -> Result<(), Error> {
     let (found, limit) = (decoder.padding.len(), decoder.convolutions().take(MAX_CONVOLUTIONS + 1).count());
     if found != limit {
@@ -38,7 +38,7 @@ fn padding(decoder: &DecoderConfig) -> Result<(), Error> {
         if found != limit {
             return Err(Error::Config { what: "codec.padding, left and right together", found, limit });
         }
-        if padding.left != padding.right {
+        if padding.right > padding.left {
             let (found, limit) = (u32::from(padding.right), u32::from(padding.left));
             return Err(Error::Config { what: "codec.padding on the right, beside the left", found, limit });
         }

@@ -23,6 +23,8 @@ pub struct Conv1d<'a> {
     taps: usize,
     /// Distance of neighbouring taps, rows.
     dilation: usize,
+    /// Rows that the first tap looks back.
+    left: usize,
     /// Input channels `K`.
     inputs: usize,
     /// Output channels `N`.
@@ -42,6 +44,8 @@ pub struct ConvShape {
     pub taps: u16,
     /// Distance of neighbouring taps, rows.
     pub dilation: u8,
+    /// Rows that the last tap looks ahead, at most as many as lie between it and the first.
+    pub right: u16,
     /// Input channels.
     pub inputs: u16,
     /// Output channels.
@@ -55,6 +59,14 @@ pub struct Padding {
     pub left: u16,
     /// Rows behind the last: how far an output row looks ahead.
     pub right: u16,
+}
+
+impl ConvShape {
+    /// Rows that the first tap looks back.
+    pub(super) fn left(&self) -> usize {
+        let span = usize::from(self.taps).saturating_sub(1) * usize::from(self.dilation);
+        span.saturating_sub(usize::from(self.right))
+    }
 }
 
 impl Padding {
@@ -90,13 +102,14 @@ impl<'a> Conv1d<'a> {
     /// # Errors
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
     pub fn open(tensors: &mut Tensors<'a>, shape: ConvShape) -> Result<Self, Error> {
-        let ConvShape { taps, dilation, inputs, outputs } = shape;
+        let ConvShape { taps, dilation, inputs, outputs, .. } = shape;
         let weights = tensors.take()?.bytes([taps, outputs, inputs])?;
         let scales = tensors.take()?.scales(outputs)?;
         let biases = tensors.take()?.f32s(outputs)?;
         Ok(Conv1d {
             taps: usize::from(taps),
             dilation: usize::from(dilation),
+            left: shape.left(),
             inputs: usize::from(inputs),
             outputs: usize::from(outputs),
             weights,
@@ -110,8 +123,8 @@ impl<'a> Conv1d<'a> {
     pub fn new(shape: ConvShape, weights: &'a [i8], scales: &'a [f32], biases: &'a [f32]) -> Option<Self> {
         let (taps, inputs, outputs) = (usize::from(shape.taps), usize::from(shape.inputs), usize::from(shape.outputs));
         let fits = weights.len() == taps * inputs * outputs && scales.len() == outputs && biases.len() == outputs;
-        let dilation = usize::from(shape.dilation);
-        fits.then_some(Conv1d { taps, dilation, inputs, outputs, weights, scales, biases })
+        let (dilation, left) = (usize::from(shape.dilation), shape.left());
+        fits.then_some(Conv1d { taps, dilation, left, inputs, outputs, weights, scales, biases })
     }
 
     /// Output channels.
@@ -126,10 +139,16 @@ impl<'a> Conv1d<'a> {
         self.inputs
     }
 
-    /// Rows on either side that an output row depends on.
+    /// Rows before it that an output row depends on.
     #[must_use]
-    pub const fn reach(&self) -> usize {
-        self.middle() * self.dilation
+    pub const fn left(&self) -> usize {
+        self.left
+    }
+
+    /// Rows behind it that an output row depends on.
+    #[must_use]
+    pub const fn right(&self) -> usize {
+        (self.taps.saturating_sub(1) * self.dilation).saturating_sub(self.left)
     }
 
     /// Multiply-accumulates for one output row whose taps all lie inside.
@@ -189,7 +208,7 @@ impl<'a> Conv1d<'a> {
     /// Adds what the middle tap makes of rows `x [B][K]`, which is all where the kernel size is 1, to `out [B][N]`, no more rows than
     /// `acc` has room for.
     pub fn add_pointwise(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
-        linear_s16s8(x.q, self.tap(self.middle()), self.inputs, self.outputs, acc);
+        linear_s16s8(x.q, self.tap(self.taps / 2), self.inputs, self.outputs, acc);
         epilogue::add_finished(out, acc, x.scales, self.affine());
     }
 
@@ -208,16 +227,16 @@ impl<'a> Conv1d<'a> {
         let count = out.len() / width.max(1);
         out.fill(0.0);
         for tap in 0..self.taps {
-            // Copy c of the repeated sequence reaches row c + middle - lead of `out`.
+            // Copy c of the repeated sequence reaches row c + left - lead of `out`.
             let lead = first + tap;
-            let start = lead.saturating_sub(self.middle()) / 2;
-            let end = (lead + count).saturating_sub(self.middle()).div_ceil(2).min(rows);
+            let start = lead.saturating_sub(self.left) / 2;
+            let end = (lead + count).saturating_sub(self.left).div_ceil(2).min(rows);
             for source in (start..end).step_by(rows_per_block.max(1)) {
                 let x = x.window(source, end.saturating_sub(source).min(rows_per_block), self.inputs);
                 linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
                 for copy in 0..2 {
                     // Of the sources' copies every other row; those before the first row are left out.
-                    let at = 2 * source + copy + self.middle();
+                    let at = 2 * source + copy + self.left;
                     let skip = lead.saturating_sub(at).div_ceil(2);
                     let out = part_mut!(out, (at + 2 * skip - lead) * width..);
                     let acc = part!(acc, skip * width..);
@@ -261,9 +280,9 @@ impl<'a> Conv1d<'a> {
         }
     }
 
-    /// Input gradient of [`Conv1d::forward_upsampled`], in place: of the window `g [2 R + 2][N]`, which begins a row before the
-    /// first row's copies and ends a row behind the last's, the first rows become `dJ/dx [R][K]` (`N = K`). The two copies'
-    /// gradients are added before they are quantised.
+    /// Input gradient of [`Conv1d::forward_upsampled`], in place: of the window `g [2 R + 2][N]`, which begins [`Conv1d::right`] rows before
+    /// the first row's copies and ends [`Conv1d::left`] behind the last's, the first rows become `dJ/dx [R][K]` (`N = K`; three taps). The
+    /// two copies' gradients are added before they are quantised.
     pub fn backward_upsampled(&self, g: &mut [f32], block: &mut GradientBlock<'_>, acc: &mut [i32]) {
         let width = self.outputs.max(1);
         if self.inputs != self.outputs {
@@ -279,7 +298,7 @@ impl<'a> Conv1d<'a> {
                     let row = part_mut!(block.row, ..width);
                     row.fill(0.0);
                     for copy in 0..2 {
-                        let Some(t) = (2 * (first + r) + copy + 1 + self.middle()).checked_sub(tap) else { continue };
+                        let Some(t) = (2 * (first + r) + copy + self.taps - 1).checked_sub(tap) else { continue };
                         let g = part!(g, t * width..(t + 1) * width);
                         wide!({
                             for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
@@ -306,12 +325,7 @@ impl<'a> Conv1d<'a> {
     /// Row offset of a tap.
     #[inline]
     const fn offset(&self, tap: usize) -> isize {
-        (tap as isize - self.middle() as isize) * self.dilation as isize
-    }
-
-    #[inline]
-    const fn middle(&self) -> usize {
-        self.taps / 2
+        (tap * self.dilation) as isize - self.left as isize
     }
 
     const fn affine(&self) -> Affine<'a> {

@@ -19,6 +19,8 @@ pub const fn window(rows: usize) -> usize {
 #[derive(Debug, Clone, Copy)]
 pub struct Output<'a> {
     taps: usize,
+    /// Rows that the first tap looks back.
+    left: usize,
     inputs: usize,
     outputs: usize,
     /// Leading output channels with int16 weights.
@@ -70,6 +72,7 @@ impl<'a> Output<'a> {
         let biases = tensors.take()?.f32s(outputs)?;
         Ok(Output {
             taps: usize::from(taps),
+            left: shape.left(),
             inputs: usize::from(inputs),
             outputs: usize::from(outputs),
             wide: usize::from(wide),
@@ -99,10 +102,16 @@ impl<'a> Output<'a> {
         self.wide
     }
 
-    /// Rows on either side that an output row depends on.
+    /// Rows before it that an output row depends on.
     #[must_use]
-    pub const fn reach(&self) -> usize {
-        self.taps / 2
+    pub const fn left(&self) -> usize {
+        self.left
+    }
+
+    /// Rows behind it that an output row depends on.
+    #[must_use]
+    pub const fn right(&self) -> usize {
+        self.taps.saturating_sub(1).saturating_sub(self.left)
     }
 
     /// A bound of `|y|` when `|x| <= input`.
@@ -153,7 +162,7 @@ impl<'a> Output<'a> {
         }
         out.fill(0.0);
         for tap in 0..self.taps {
-            let offset = tap as isize - self.reach() as isize;
+            let offset = tap as isize - self.left as isize;
             for block in (0..count).step_by(scratch.rows_per_block.max(1)) {
                 let rows_per_block = scratch.rows_per_block.min(count.saturating_sub(block));
                 let Some(span) = Span::new(first + block, rows_per_block, rows, offset) else {
@@ -210,8 +219,8 @@ impl<'a> Output<'a> {
         let (wide_scales, narrow_scales) = all_scales.split_at_mut_checked(all_scales.len() / 2).unwrap_or_default();
         for (block, dx) in dx.chunks_mut((scratch.rows_per_block * self.inputs).max(1)).enumerate() {
             let (first, count) = (first + block * scratch.rows_per_block, dx.len() / self.inputs.max(1));
-            let start = first.saturating_sub(self.reach());
-            let g = part!(g, start * width..(first + count + self.reach()).min(all) * width);
+            let start = first.saturating_sub(self.right());
+            let g = part!(g, start * width..(first + count + self.left).min(all) * width);
             let rows = g.len() / width;
             for (r, (g, scales)) in
                 g.chunks_exact(width).zip(wide_scales.iter_mut().zip(narrow_scales.iter_mut())).enumerate()
@@ -220,7 +229,7 @@ impl<'a> Output<'a> {
             }
             // Descending taps: a row of dx takes its sums in the order of the rows that they come from.
             for tap in (0..self.taps).rev() {
-                let offset = self.reach() as isize - tap as isize;
+                let offset = self.left as isize - tap as isize;
                 let Some(span) = Span::new(first, count, all, offset) else { continue };
                 let dx = part_mut!(dx, span.skip * self.inputs..);
                 let from = span.source.saturating_sub(start);

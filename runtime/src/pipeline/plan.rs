@@ -71,7 +71,7 @@ pub struct Plan {
     pub evaluation_macs: u64,
     /// Multiply-accumulates at most, in all: [`Plan::macs_of`] all evaluations and gradients.
     pub macs: u64,
-    /// Tokens on either side that a frame depends on.
+    /// Tokens behind its own that a frame depends on.
     pub radius_tokens: usize,
     /// Frames by which a stream's output lags behind its tokens; the request itself has no such lag.
     pub latency_frames: usize,
@@ -170,7 +170,7 @@ pub struct StreamPlan {
     pub planning_bytes: usize,
     /// Frames handed out at once, at most.
     pub frames: usize,
-    /// Tokens on either side that a frame depends on.
+    /// Tokens behind its own that a frame depends on.
     pub radius_tokens: usize,
     /// Frames by which the output lags behind the tokens.
     pub latency_frames: usize,

@@ -72,6 +72,11 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
         ("anchors", with(controlled)),
         ("anchors-of-two-families", with(PriorShape { control: two, ..stored })),
         ("planner-of-four-bits", with(PriorShape { planner: whole, packed: true, ..prior })),
+        ("causal", Shape { width: 1, ..base.clone() }.causal()),
+        (
+            "mostly-causal",
+            Shape { width: 1, dilations: vec![9, 1], stages: 1, right: vec![1, 4, 0, 1, 0, 1], ..base.clone() },
+        ),
     ];
     shapes.into_iter().enumerate().map(|(seed, (name, shape))| (name, Tiny::new(shape, seed as u64))).collect()
 }

@@ -150,7 +150,7 @@ fn transposed(q: &[i16], w: &[i8], inputs: usize, outputs: usize, acc: &mut [i32
 
 #[inline(never)]
 fn conv_49(b: &mut Buffers) {
-    let shape = ConvShape { taps: 3, dilation: 3, inputs: 128, outputs: 128 };
+    let shape = ConvShape { taps: 3, dilation: 3, right: 3, inputs: 128, outputs: 128 };
     let weights = &b.weights[..3 * 128 * 128];
     let Some(layer) = Conv1d::new(shape, weights, &b.scales[..128], &b.biases[..128]) else { return };
     let (x, out, q) = (&b.x[..ROWS * 128], &mut b.out[..ROWS * 128], &mut b.q[..ROWS * 128]);
@@ -170,7 +170,7 @@ fn conv(layer: &Conv1d<'_>, x: &[f32], out: &mut [f32], q: &mut [i16], scales: &
 
 #[inline(never)]
 fn transposed_49(b: &mut Buffers) {
-    let shape = ConvShape { taps: 1, dilation: 1, inputs: 192, outputs: 192 };
+    let shape = ConvShape { taps: 1, dilation: 1, right: 0, inputs: 192, outputs: 192 };
     let weights = &b.weights[..192 * 192];
     let Some(layer) = Conv1d::new(shape, weights, &b.scales[..192], &b.biases[..192]) else { return };
     region!("7", {

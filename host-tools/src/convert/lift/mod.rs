@@ -7,13 +7,16 @@ mod v3;
 
 use motionette::blob::{
     Activation, Card, Codec, ControlConfig, DecoderConfig, Generator, Guidance, HEADER_LEN, HumanMl3d, MAGIC, MAJOR,
-    MAX_STAGES, MINOR, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TextConfig,
+    MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TextConfig,
     TextEncoderConfig, TextLength, TextTable, TransformerConfig,
 };
 use motionette::{Model, blob};
 use sha2::{Digest, Sha256};
 
 use crate::blob::AlignedBlob;
+
+/// Minor version of a lifted blob: nothing that format 3 says came later.
+pub const LIFTED: u16 = 0;
 
 /// A blob could not be lifted. Nothing was written.
 #[derive(Debug, thiserror::Error)]
@@ -37,7 +40,7 @@ pub enum Error {
     },
     /// Of a format that is neither this one nor the one before.
     #[error(
-        "the blob is of format {major}.{minor}; only format 3.0 and 3.1 are lifted to {MAJOR}.{MINOR}: {}",
+        "the blob is of format {major}.{minor}; only format 3.0 and 3.1 are lifted to {MAJOR}.{LIFTED}: {}",
         if *major < v3::MAJOR { "convert its checkpoint again" } else { "it needs a newer motionette" }
     )]
     Version {

@@ -23,7 +23,7 @@ const TINY: f32 = 1e-12;
 
 /// Shapes of all layers in checkpoint names and in the order in which they run.
 pub fn shapes(config: &Config, labels: &Labels) -> Vec<Shape> {
-    let layer = |name: String, inputs, outputs, kernel| Shape { name, inputs, outputs, kernel, dilation: 1 };
+    let layer = |name: String, inputs, outputs, kernel| Shape { name, inputs, outputs, kernel, dilation: 1, right: 1 };
     let Config { width, hidden, word_width, embedding, .. } = *config;
     let mut shapes = Vec::new();
     for stage in 0..STAGES {

@@ -123,10 +123,19 @@ fn with_suffix(path: &Path) -> PathBuf {
 fn changed<C: Serialize + DeserializeOwned>(config: &C, change: &str) -> anyhow::Result<C> {
     let (field, value) = change.split_once('=').with_context(|| format!("--set {change}: write FIELD=VALUE"))?;
     let mut tree = json!(config);
-    let pointer = format!("/{}", field.replace('.', "/"));
-    let place = tree.pointer_mut(&pointer).with_context(|| format!("--set {change}: there is no setting {field}"))?;
-    *place = serde_json::from_str(value).with_context(|| format!("--set {change}: {value} is not a value"))?;
-    serde_json::from_value(tree).with_context(|| format!("--set {change}: {value} does not fit {field}"))
+    let (part, name) = field.rsplit_once('.').unwrap_or(("", field));
+    let pointer: String = part.split_terminator('.').flat_map(|part| ["/", part]).collect();
+    let unknown = || format!("--set {change}: there is no setting {field}");
+    let place = tree.pointer_mut(&pointer).and_then(Value::as_object_mut).with_context(unknown)?;
+    let value: Value =
+        serde_json::from_str(value).with_context(|| format!("--set {change}: {value} is not a value"))?;
+    // A setting that is not written while it has its default is known to the configuration alone.
+    let written = place.insert(name.to_owned(), value.clone()).is_some();
+    serde_json::from_value(tree).map_err(|error| {
+        let missing = !written && error.to_string().starts_with("unknown field");
+        let what = if missing { unknown() } else { format!("--set {change}: {value} does not fit {field}") };
+        anyhow::Error::new(error).context(what)
+    })
 }
 
 /// Prints `facts` on the last line when they are asked for.

@@ -2,7 +2,8 @@
 //!
 //! Convolutions are `[out, in, k]`, the codebook is `quantizer.layers.0.codebook` `[codes, code_dim]`, `mean` and `std` are `[263]`.
 //! `__metadata__` has `format`, `version`, `config` (JSON: sizes, seed, steps, data hash, metrics) and `training` (JSON: the whole
-//! [`Config`]).
+//! [`Config`]). Dilations of the encoder that are not the decoder's and a decoder that looks less far ahead than back are entries
+//! `encoder_dilations` and `right` of the sizes, see [`Architecture`]; other checkpoints lack them.
 
 use std::path::Path;
 
@@ -44,7 +45,7 @@ impl Checkpoint {
     /// [`Error::File`].
     pub fn save(&self, path: &Path, reports: &[Report]) -> Result<(), Error> {
         let a = &self.config.architecture;
-        let config = json!({
+        let mut config = json!({
             "width": a.width,
             "encoder_width": a.encoder_width,
             "code_dim": a.code_dim,
@@ -61,6 +62,11 @@ impl Checkpoint {
             "data_hash": self.data_hash,
             "metrics": reports,
         });
+        for (name, values) in [("encoder_dilations", &a.encoder_dilations), ("right", &a.right)] {
+            if !values.is_empty() {
+                config[name] = json!(values);
+            }
+        }
         let mut file = FORMAT.file();
         file.describe("config", config.to_string());
         file.describe("training", serde_json::to_string(&self.config).unwrap_or_default());

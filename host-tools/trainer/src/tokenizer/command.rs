@@ -55,6 +55,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let state = options.state(&config, &sources, || Ok(State::begin(&config, &dataset.hash)))?;
     let trainer = Trainer::new(&config, &dataset)?;
     let corpus = trainer.corpus();
+    let sizes = &config.architecture;
+    let (frames, tokens) = (sizes.look_ahead_frames(), sizes.look_ahead_tokens());
+    remark(&format!("the decoder looks ahead {frames} frames (tokens: {tokens})"));
     remark(&format!("{} motions with their mirrored twins, {} frames", corpus.motions(), corpus.frames()));
     let mut run = Run::new(trainer, state)?;
     let evaluation = run.train(options, args.length)?;
@@ -122,6 +125,8 @@ mod tests {
         refused("--steps 6 --set loss.charm=1", "loss.charm");
         refused("--steps 6 --set window=\"x\"", "does not fit");
         refused("--steps 6 --set window=6", "multiple of 4");
+        refused("--steps 6 --set architecture.charm=1", "there is no setting architecture.charm");
+        refused("--steps 6 --set architecture.right=[1]", "right is [1]");
         refused("--steps 6 --resume", "resumed");
         refused("--evaluate @data.mds", "offsets");
         refused("--steps 6 --out @data.mds/x.safetensors", "cannot be stored");

@@ -36,6 +36,67 @@ pub struct Architecture {
     pub codes: usize,
     /// Dilations of the residual blocks of a stage, in the order of execution.
     pub dilations: Vec<usize>,
+    /// The encoder's, where they are not the decoder's. It never leaves the host, and may look as far as it likes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub encoder_dilations: Vec<usize>,
+    /// Samples that each convolution with three taps of the decoder looks ahead, in the order of execution: from 0 to its dilation.
+    /// What it does not look ahead it looks back, twice its dilation in all. None: all look as far ahead as back.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub right: Vec<usize>,
+}
+
+impl Architecture {
+    /// Dilations of the encoder's residual blocks.
+    pub fn encoder_dilations(&self) -> &[usize] {
+        if self.encoder_dilations.is_empty() { &self.dilations } else { &self.encoder_dilations }
+    }
+
+    /// Dilations of the decoder's convolutions with three taps, in the order of execution.
+    fn decoder_dilations(&self) -> Vec<usize> {
+        let stage = || self.dilations.iter().copied().chain([1]);
+        let stages = (0..DOWN_T).flat_map(|_| stage());
+        std::iter::once(1).chain(stages).chain([1, 1]).collect()
+    }
+
+    /// How far each of them looks ahead.
+    pub fn decoder_right(&self) -> Vec<usize> {
+        if self.right.is_empty() { self.decoder_dilations() } else { self.right.clone() }
+    }
+
+    /// Frames by which the decoder's output lags behind its tokens: frame t depends on frames to t plus so many.
+    pub fn look_ahead_frames(&self) -> usize {
+        let right = self.decoder_right();
+        let mut right = right.iter();
+        let mut ahead = |count: usize| right.by_ref().take(count).sum::<usize>();
+        let mut lag = ahead(1);
+        for _ in 0..DOWN_T {
+            lag += ahead(self.dilations.len());
+            // A sample that is yet to come is now two.
+            lag = 2 * lag + ahead(1);
+        }
+        lag + ahead(2)
+    }
+
+    /// The same in tokens, rounded up.
+    pub fn look_ahead_tokens(&self) -> usize {
+        self.look_ahead_frames().div_ceil(FRAMES_PER_TOKEN)
+    }
+
+    fn check(&self) -> Result<(), OutOfRange> {
+        let widths = [("width", self.width), ("encoder_width", self.encoder_width), ("code_dim", self.code_dim)];
+        for (field, width) in widths {
+            require((1..=1024).contains(&width), field, width, "1 to 1024")?;
+        }
+        require((2..=65536).contains(&self.codes), "codes", self.codes, "2 to 65536")?;
+        for (field, dilations) in [("dilations", &*self.dilations), ("encoder_dilations", self.encoder_dilations())] {
+            let fits = (1..=8).contains(&dilations.len()) && dilations.iter().all(|d| (1..=64).contains(d));
+            require(fits, field, format!("{dilations:?}"), "1 to 8 values, each 1 to 64")?;
+        }
+        let (right, dilations) = (self.decoder_right(), self.decoder_dilations());
+        let fits = right.len() == dilations.len() && right.iter().zip(&dilations).all(|(right, most)| right <= most);
+        let allowed = "one value for each convolution with three taps of the decoder, each 0 to its dilation";
+        require(fits, "right", format!("{right:?}"), allowed)
+    }
 }
 
 /// Weights of the terms of the objective, see [`super::loss`].
@@ -109,6 +170,8 @@ impl Config {
                 code_dim: 32,
                 codes: 512,
                 dilations: vec![9, 3, 1],
+                encoder_dilations: Vec::new(),
+                right: Vec::new(),
             },
             seed: 1,
             batch: 24,
@@ -141,6 +204,7 @@ impl Config {
                     code_dim: 4,
                     codes: 8,
                     dilations: vec![3, 1],
+                    ..nano.architecture
                 },
                 batch: 4,
                 window: 16,
@@ -161,13 +225,7 @@ impl Configuration for Config {
     type Evaluation = Evaluation;
 
     fn check(&self) -> Result<(), OutOfRange> {
-        let a = &self.architecture;
-        for (field, width) in [("width", a.width), ("encoder_width", a.encoder_width), ("code_dim", a.code_dim)] {
-            require((1..=1024).contains(&width), field, width, "1 to 1024")?;
-        }
-        require((2..=65536).contains(&a.codes), "codes", a.codes, "2 to 65536")?;
-        let dilations = (1..=8).contains(&a.dilations.len()) && a.dilations.iter().all(|d| (1..=64).contains(d));
-        require(dilations, "dilations", format!("{:?}", a.dilations), "1 to 8 values, each 1 to 64")?;
+        self.architecture.check()?;
         require((1..=4096).contains(&self.batch), "batch", self.batch, "1 to 4096")?;
         let window = self.window.is_multiple_of(FRAMES_PER_TOKEN) && (8..=MAX_FRAMES).contains(&self.window);
         require(window, "window", self.window, "a multiple of 4 from 8 to 196")?;

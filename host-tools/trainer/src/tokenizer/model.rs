@@ -1,7 +1,8 @@
 //! Encoder and decoder: MoMask's topology, channels last.
 //!
 //! Encoder: conv k3, ReLU, 2 x { conv k4 stride 2, residual blocks }, conv k3. Decoder: conv k3, ReLU, 2 x { residual blocks, every
-//! sample twice, conv k3 }, conv k3, ReLU, conv k3. A residual block is `x + conv k1(relu(conv k3 dilated(relu(x))))`.
+//! sample twice, conv k3 }, conv k3, ReLU, conv k3. A residual block is `x + conv k1(relu(conv k3 dilated(relu(x))))`. The encoder looks
+//! as far ahead as back, the decoder as far as [`Architecture::right`] says.
 //!
 //! All parameters live in one flat vector in the order of [`shapes`]; a [`Network`] is that vector laid out on a device for one
 //! step. Clips that are shorter than the window are masked before every convolution with more than one tap, so that they see
@@ -22,7 +23,7 @@ pub fn shapes(architecture: &Architecture) -> Vec<Shape> {
 }
 
 fn shape(name: String, inputs: usize, outputs: usize, kernel: usize, dilation: usize) -> Shape {
-    Shape { name, inputs, outputs, kernel, dilation }
+    Shape { name, inputs, outputs, kernel, dilation, right: dilation }
 }
 
 fn block_shapes(prefix: &str, width: usize, dilations: &[usize]) -> Vec<Shape> {
@@ -40,7 +41,7 @@ fn encoder_shapes(a: &Architecture) -> Vec<Shape> {
     let mut shapes = vec![shape("encoder.model.0".into(), FEATURES, width, 3, 1)];
     for stage in 2..2 + DOWN_T {
         shapes.push(shape(format!("encoder.model.{stage}.0"), width, width, 4, 1));
-        shapes.extend(block_shapes(&format!("encoder.model.{stage}.1"), width, &a.dilations));
+        shapes.extend(block_shapes(&format!("encoder.model.{stage}.1"), width, a.encoder_dilations()));
     }
     shapes.push(shape(format!("encoder.model.{}", 2 + DOWN_T), width, a.code_dim, 3, 1));
     shapes
@@ -55,6 +56,9 @@ fn decoder_shapes(a: &Architecture) -> Vec<Shape> {
     }
     shapes.push(shape(format!("decoder.model.{}", 2 + DOWN_T), width, width, 3, 1));
     shapes.push(shape(format!("decoder.model.{}", 4 + DOWN_T), width, FEATURES, 3, 1));
+    for (shape, right) in shapes.iter_mut().filter(|shape| shape.kernel == 3).zip(a.decoder_right()) {
+        shape.right = right;
+    }
     shapes
 }
 
@@ -112,7 +116,8 @@ fn masked(x: Tensor<3>, masks: Option<&Masks>, rate: usize) -> Tensor<3> {
 pub struct Network {
     encoder: Vec<Convolution>,
     decoder: Vec<Convolution>,
-    blocks: usize,
+    encoder_blocks: usize,
+    decoder_blocks: usize,
 }
 
 impl Network {
@@ -130,7 +135,8 @@ impl Network {
         Self {
             encoder: lay(encoder_shapes(architecture)),
             decoder: lay(decoder_shapes(architecture)),
-            blocks: architecture.dilations.len(),
+            encoder_blocks: architecture.encoder_dilations().len(),
+            decoder_blocks: architecture.dilations.len(),
         }
     }
 
@@ -148,7 +154,7 @@ impl Network {
             Convolution::new(&Shape { outputs: features, ..shape.clone() }, &kept, false, device)
         };
         let decoder = decoder_shapes(architecture).iter().map(place).collect();
-        Self { encoder: Vec::new(), decoder, blocks: architecture.dilations.len() }
+        Self { encoder: Vec::new(), decoder, encoder_blocks: 0, decoder_blocks: architecture.dilations.len() }
     }
 
     /// Normalised features `[B, T, F]`, zero where padded, to latents `[B, T / 4, code_dim]`.
@@ -158,7 +164,7 @@ impl Network {
         let mut x = masked(relu(next().forward(x)), masks, 0);
         for rate in 1..=DOWN_T {
             x = next().forward(x);
-            for _ in 0..self.blocks {
+            for _ in 0..self.encoder_blocks {
                 x = residual(x, next(), next(), masks, rate);
             }
             x = masked(x, masks, rate);
@@ -173,7 +179,7 @@ impl Network {
         let mut next = || layers.next().expect("the decoder has a layer for every step");
         let mut x = relu(next().forward(u));
         for rate in (0..DOWN_T).rev() {
-            for _ in 0..self.blocks {
+            for _ in 0..self.decoder_blocks {
                 x = residual(x, next(), next(), masks, rate + 1);
             }
             x = next().forward(masked(upsample(x), masks, rate));
@@ -196,10 +202,25 @@ fn residual(x: Tensor<3>, conv1: &Convolution, conv2: &Convolution, masks: Optio
 
 #[cfg(test)]
 mod tests {
+    use super::super::config::FRAMES_PER_TOKEN;
     use super::*;
 
     fn architecture() -> Architecture {
-        Architecture { width: 6, encoder_width: 5, code_dim: 3, codes: 4, dilations: vec![3, 1] }
+        Architecture {
+            width: 6,
+            encoder_width: 5,
+            code_dim: 3,
+            codes: 4,
+            dilations: vec![3, 1],
+            encoder_dilations: Vec::new(),
+            right: Vec::new(),
+        }
+    }
+
+    /// Some of its convolutions look ahead, none as far as back but two; the encoder has a block more.
+    fn mostly_causal() -> Architecture {
+        let right = vec![1, 2, 0, 1, 0, 1, 0, 0, 0];
+        Architecture { encoder_dilations: vec![2, 1, 1], right, ..architecture() }
     }
 
     fn noise(n: usize, stream: u64) -> Vec<f32> {
@@ -208,8 +229,8 @@ mod tests {
     }
 
     /// Parameters with biases that are not zero, so that padding would show.
-    fn parameters() -> Vec<f32> {
-        let mut values = initial_parameters(&shapes(&architecture()), 3);
+    fn parameters(architecture: &Architecture) -> Vec<f32> {
+        let mut values = initial_parameters(&shapes(architecture), 3);
         for (value, bias) in values.iter_mut().zip(noise(1 << 20, 4)) {
             *value += 0.1 * bias;
         }
@@ -226,8 +247,14 @@ mod tests {
 
     #[test]
     fn a_padded_crop_is_coded_as_if_it_were_alone() {
+        for architecture in [architecture(), mostly_causal()] {
+            check_padded_crops(&architecture);
+        }
+    }
+
+    fn check_padded_crops(architecture: &Architecture) {
         let device = Device::flex();
-        let network = Network::new(&architecture(), &parameters(), false, &device);
+        let network = Network::new(architecture, &parameters(architecture), false, &device);
         let (window, lengths) = (24, [24, 8, 16]);
         let mut features = vec![0.0; lengths.len() * window * FEATURES];
         for (b, length) in lengths.iter().enumerate() {
@@ -259,23 +286,48 @@ mod tests {
     fn a_frozen_decoder_gives_the_first_channels() {
         let device = Device::flex();
         let u = || tensor(noise(5 * 3, 8), [1, 5, 3], &device);
-        let whole = values(Network::new(&architecture(), &parameters(), false, &device).decode(u(), None));
-        let part = values(Network::frozen_decoder(&architecture(), &parameters(), 67, &device).decode(u(), None));
+        let a = mostly_causal();
+        let whole = values(Network::new(&a, &parameters(&a), false, &device).decode(u(), None));
+        let part = values(Network::frozen_decoder(&a, &parameters(&a), 67, &device).decode(u(), None));
         for (whole, part) in whole.chunks_exact(FEATURES).zip(part.chunks_exact(67)) {
             assert!(whole.iter().zip(part).all(|(a, b)| (a - b).abs() < 1e-5));
+        }
+    }
+
+    /// The look-ahead is where the frames begin that a code changes.
+    #[test]
+    fn a_code_reaches_as_far_as_the_decoder_looks_ahead() {
+        let device = Device::flex();
+        let causal = Architecture { right: vec![0; 9], ..architecture() };
+        for (a, frames) in [(architecture(), 33), (mostly_causal(), 16), (causal, 0)] {
+            let network = Network::new(&a, &parameters(&a), false, &device);
+            let (tokens, changed) = (24, 12);
+            let u = noise(tokens * 3, 8);
+            let mut other = u.clone();
+            other[changed * 3..][..3].copy_from_slice(&[2.0, -3.0, 1.0]);
+            let decode = |u| values(network.decode(tensor(u, [1, tokens, 3], &device), None));
+            let (y, other) = (decode(u), decode(other));
+            let first = y.iter().zip(&other).position(|(a, b)| a != b).expect("a code changes frames") / FEATURES;
+            assert_eq!(FRAMES_PER_TOKEN * changed - first, frames);
+            assert_eq!(a.look_ahead_frames(), frames);
         }
     }
 
     /// Order and values of the flat gradient: every convolution's weights and biases against differences.
     #[test]
     fn gradients_agree_with_differences() {
-        let a = architecture();
-        let start = parameters();
+        for architecture in [architecture(), mostly_causal()] {
+            check_gradients(&architecture);
+        }
+    }
+
+    fn check_gradients(a: &Architecture) {
+        let start = parameters(a);
         let frames = 12;
         let features = noise(frames * FEATURES, 6);
         let weights = noise(frames * FEATURES, 7);
         let run = |values: &[f32], device: &Device| {
-            let network = Network::new(&a, values, true, device);
+            let network = Network::new(a, values, true, device);
             let x = tensor(features.clone(), [1, frames, FEATURES], device);
             let y = network.decode(network.encode(x, None), None);
             (network, (y * tensor(weights.clone(), [1, frames, FEATURES], device)).sum())
@@ -286,7 +338,7 @@ mod tests {
         network.collect_gradients(&objective.backward(), &mut gradient);
         let value = |values: &[f32]| f64::from(run(values, &tracked).1.into_scalar::<f32>());
         let mut offset = 0;
-        for shape in shapes(&a) {
+        for shape in shapes(a) {
             for index in [offset, offset + shape.weights() / 2, offset + shape.parameters() - 1] {
                 let slope = crate::testing::slope(value, &start, index, 1e-3);
                 let error = (slope - f64::from(gradient[index])).abs();

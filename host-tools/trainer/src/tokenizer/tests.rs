@@ -1,13 +1,17 @@
 //! Whole runs on a small dataset.
 
+use burn::tensor::{Device, Tensor, TensorData};
 use motionette_host::dataset::{Dataset, Split};
+use motionette_host::reference;
 
 use super::checkpoint::Checkpoint;
-use super::config::Config;
+use super::config::{Config, FEATURES};
+use super::model::Network;
 use super::state::State;
 use super::training::Trainer;
 use super::{Error, metrics};
 use crate::harness::{self, Configuration, Run};
+use crate::random::Random;
 use crate::schedule::Plan;
 use crate::{tensor_file, testing};
 
@@ -92,6 +96,46 @@ fn a_checkpoint_round_trips_and_has_the_published_names() {
     assert_eq!(config["steps"], 6);
     assert_eq!(config["data_hash"], dataset.hash);
     assert_eq!(config["dilations"], serde_json::json!([3, 1]));
+    // As checkpoints were before these settings.
+    assert!(config.get("right").is_none() && config.get("encoder_dilations").is_none());
+    let mut other = trained.clone();
+    let architecture = &mut other.config.architecture;
+    architecture.right = vec![1, 0, 1, 0, 2, 0, 1, 0, 1];
+    architecture.encoder_dilations = vec![2, 2];
+    other.save(&path, &reports).unwrap();
+    assert_eq!(Checkpoint::load(&path).unwrap(), other);
+    let file = tensor_file::TensorFile::load(&path).unwrap();
+    let config: serde_json::Value = file.parsed("config").unwrap();
+    assert_eq!(config["right"], serde_json::json!([1, 0, 1, 0, 2, 0, 1, 0, 1]));
+    assert_eq!(config["encoder_dilations"], serde_json::json!([2, 2]));
+    agrees_with_the_reference(&other, &path);
+    trained.save(&path, &reports).unwrap();
+    agrees_with_the_reference(&trained, &path);
+}
+
+/// What a network computes while it trains is what the reference computes of its file, dilations and padding included.
+fn agrees_with_the_reference(checkpoint: &Checkpoint, path: &std::path::Path) {
+    let stored = motionette_host::checkpoint::load(path).unwrap();
+    let encoder = reference::Encoder::<f64>::new(stored.encoder.as_ref().unwrap());
+    let decoder = reference::Decoder::<f64>::new(&stored.decoder, FEATURES);
+    let device = Device::flex();
+    let network = Network::new(&checkpoint.config.architecture, &checkpoint.parameters, false, &device);
+    let mut random = Random::new(3, 1);
+    let tokens = 9;
+    let x: Vec<f32> = (0..4 * tokens * FEATURES).map(|_| random.symmetric() as f32).collect();
+    let tensor = |values: &[f32], shape| Tensor::<3>::from_data(TensorData::new(values.to_vec(), shape), &device);
+    let latents = network.encode(tensor(&x, [1, 4 * tokens, FEATURES]), None);
+    let features = network.decode(latents.clone(), None);
+    let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
+    let agree = |tensor: Tensor<3>, exact: &[f64]| {
+        let found: Vec<f32> = tensor.into_data().try_into_vec().unwrap();
+        assert_eq!(found.len(), exact.len());
+        let largest = exact.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        assert!(found.iter().zip(exact).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-4 * largest));
+    };
+    let exact = encoder.forward(&wide(&x));
+    agree(features, &decoder.forward(&exact).features);
+    agree(latents, &exact);
 }
 
 #[test]
@@ -129,7 +173,16 @@ fn an_exploding_run_stops_with_a_typed_error() {
 
 #[test]
 fn settings_out_of_range_are_refused() {
+    let sizes = |change: fn(&mut super::config::Architecture)| {
+        let mut config = tiny();
+        change(&mut config.architecture);
+        config
+    };
     for (change, field) in [
+        (sizes(|a| a.dilations.clear()), "dilations"),
+        (sizes(|a| a.encoder_dilations = vec![0]), "encoder_dilations"),
+        (sizes(|a| a.right = vec![0; 8]), "right"),
+        (sizes(|a| a.right = vec![0, 4, 0, 0, 0, 0, 0, 0, 0]), "right"),
         (Config { window: 30, ..tiny() }, "window"),
         (Config { batch: 0, ..tiny() }, "batch"),
         (Config { learning_rate: f32::NAN, ..tiny() }, "learning_rate"),

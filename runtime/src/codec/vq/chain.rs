@@ -267,7 +267,7 @@ impl Chain<'_> {
             // Forward they lie in the order of the pass.
             let at = if *way == Direction::Forward { gate } else { gate - own };
             gate = if *way == Direction::Forward { gate + own } else { at };
-            let due = layer.ahead().saturating_sub(tail.count.zeros);
+            let due = layer.ahead(*way).saturating_sub(tail.count.zeros);
             if place < *begun {
                 complete &= due == 0;
                 continue;

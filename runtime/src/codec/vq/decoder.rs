@@ -87,31 +87,37 @@ impl<'a> Decoder<'a> {
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(tensors: &mut Tensors<'a>, config: &DecoderConfig, largest_input: f32) -> Result<Self, Error> {
         let &DecoderConfig { width, code_width, features, .. } = config;
-        let hidden = ConvShape { taps: 3, dilation: 1, inputs: width, outputs: width };
+        let mut padding = config.padding.iter();
+        // Of each convolution with three taps in the order of execution.
+        let mut ahead = |dilation: u8| {
+            let right = padding.next().map_or(u16::from(dilation), |padding| padding.right);
+            ConvShape { taps: 3, dilation, right, inputs: width, outputs: width }
+        };
         let mut bound = largest_input;
         let mut index = tensors.index();
-        let input = Conv1d::open(tensors, ConvShape { inputs: code_width, ..hidden })?;
+        let input = Conv1d::open(tensors, ConvShape { inputs: code_width, ..ahead(1) })?;
         bound = bounded(input.bound(bound), index)?;
         let mut stages = Vec::new();
         for _ in 0..config.stages {
             let mut blocks = Vec::new();
             for &dilation in &config.dilations {
                 index = tensors.index();
-                let conv1 = Conv1d::open(tensors, ConvShape { dilation, ..hidden })?;
-                let conv2 = Conv1d::open(tensors, ConvShape { taps: 1, ..hidden })?;
+                let hidden = ahead(dilation);
+                let conv1 = Conv1d::open(tensors, hidden)?;
+                let conv2 = Conv1d::open(tensors, ConvShape { taps: 1, dilation: 1, right: 0, ..hidden })?;
                 bound = bounded(bound + conv2.bound(conv1.bound(bound)), index)?;
                 blocks.push(Residual { conv1, conv2 }).map_err(|_| Error::Manifest)?;
             }
             index = tensors.index();
-            let upsample = Conv1d::open(tensors, hidden)?;
+            let upsample = Conv1d::open(tensors, ahead(1))?;
             bound = bounded(upsample.bound(bound), index)?;
             stages.push(UpsampleStage { blocks, upsample }).map_err(|_| Error::Manifest)?;
         }
         index = tensors.index();
-        let middle = Conv1d::open(tensors, hidden)?;
+        let middle = Conv1d::open(tensors, ahead(1))?;
         bound = bounded(middle.bound(bound), index)?;
         index = tensors.index();
-        let output = Output::open(tensors, ConvShape { outputs: features, ..hidden })?;
+        let output = Output::open(tensors, ConvShape { outputs: features, ..ahead(1) })?;
         bounded(output.bound(bound), index)?;
         let (width, code_width) = (usize::from(width), usize::from(code_width));
         Ok(Decoder { input, stages, middle, output, width, code_width })

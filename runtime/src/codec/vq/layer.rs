@@ -42,31 +42,49 @@ impl Layer<'_, '_> {
         }
     }
 
-    /// Rows that must have come after a row before what leaves the layer there is final.
-    pub(super) const fn ahead(&self) -> usize {
+    /// Rows before a row and behind it that what leaves the layer there depends on, forward; for an upsampling they count after it.
+    const fn padding(&self) -> (usize, usize) {
         match self {
-            Layer::Convolution(conv) => conv.reach(),
-            Layer::Residual(block) => block.conv1.reach(),
-            // Forward the second copy of a row looks at the first copy of the next; back a row looks at the one behind its copies.
-            Layer::Upsample(_) => 1,
-            Layer::Output(output) => output.reach(),
+            Layer::Convolution(conv) | Layer::Upsample(conv) => (conv.left(), conv.right()),
+            Layer::Residual(block) => (block.conv1.left(), block.conv1.right()),
+            Layer::Output(output) => (output.left(), output.right()),
         }
     }
 
-    /// Quantised rows that the next results still depend on. The first result is [`Layer::ahead`] behind the first of them.
+    /// Rows that must have come after a row before what leaves the layer there is final. Forward an upsampling counts in copies: the second
+    /// copy of a row may look at the first copy of the next.
+    pub(super) const fn ahead(&self, way: Direction) -> usize {
+        let (left, right) = self.padding();
+        match way {
+            Direction::Forward => right,
+            // What a row looked back at, a gradient looks ahead at.
+            Direction::Back => left,
+        }
+    }
+
+    /// Rows before a row that what leaves the layer there depends on; so many rows behind the first that is kept lies the next result.
+    pub(super) const fn behind(&self, way: Direction) -> usize {
+        let (left, right) = self.padding();
+        match way {
+            Direction::Forward => left,
+            Direction::Back => right,
+        }
+    }
+
+    /// Quantised rows that the next results still depend on.
     pub(super) const fn kept(&self, way: Direction) -> usize {
         match (self, way) {
-            (Layer::Upsample(_), Direction::Forward) => self.ahead(),
+            (Layer::Upsample(_), Direction::Forward) => 1,
             (Layer::Upsample(_), Direction::Back) => 0,
-            _ => 2 * self.ahead(),
+            _ => self.ahead(way) + self.behind(way),
         }
     }
 
     /// Rows as they were that the next results are added to or made of, at most.
     pub(super) const fn skipped(&self, way: Direction) -> usize {
         match (self, way) {
-            (Layer::Residual(_), _) => self.ahead(),
-            // A row before the next row's first copy, and that copy if the other is yet to come.
+            (Layer::Residual(_), _) => self.ahead(way),
+            // Both rows beside the next row's copies, and a copy if the other is yet to come.
             (Layer::Upsample(_), Direction::Back) => 3,
             _ => 0,
         }

@@ -108,6 +108,9 @@ impl Layer<'_, '_> {
         work: &mut Work<'_>,
     ) -> usize {
         let Chunk { sequence, rows, zeros } = chunk;
+        if rows + zeros == 0 {
+            return 0;
+        }
         let Masks { mask: gates, outer, inner } = masks;
         let Wanted { channels, last } = wanted;
         if let (Layer::Upsample(conv), Direction::Back) = (self, way) {
@@ -115,7 +118,7 @@ impl Layer<'_, '_> {
         }
         let Work { scratch: residual::ResidualScratch { q, scales, row, block }, acc_low, .. } = work;
         let rows_per_block = block.scales.len();
-        let (width, ahead, skipped) = (self.width(way), self.ahead(), self.skipped(way));
+        let (width, ahead, skipped) = (self.width(way), self.ahead(way), self.skipped(way));
         let (came, copies) = (rows + zeros, if let Layer::Upsample(_) = self { 2 } else { 1 });
         // Results before the motion's first row and behind its last are left out.
         let Tail { q: kept_q, scales: kept_scales, rows: kept_rows, count } = tail;
@@ -126,7 +129,7 @@ impl Layer<'_, '_> {
         let (left, before) = (gone.saturating_sub(ahead), ahead.saturating_sub(gone).min(copies * came));
         let results = (copies * came - before).saturating_sub((copies - 1) * zeros);
         // Results begin so many rows behind the window's first.
-        let first = (ahead + before).saturating_sub(copies * lead);
+        let first = (self.behind(way) + before).saturating_sub(copies * lead);
         count.add((rows, zeros));
 
         if skipped > 0 {
@@ -210,10 +213,10 @@ fn downsample(
 ) -> usize {
     let residual::ResidualScratch { row, block, .. } = &mut work.scratch;
     let width = conv.outputs();
-    // Two copies and a row on either side of them make a result, and the next begins two rows later; a zero row comes first.
-    let results_of = |count: &Count| count.all().div_ceil(2).saturating_sub(1);
+    // Two copies and the rows beside them, two in all, make a result, and the next begins two rows later; zero rows come first.
+    let results_of = |count: &Count| count.all().saturating_sub(conv.left()) / 2;
     let before = results_of(tail.count);
-    let held = 1 + tail.count.all() - 2 * before;
+    let held = (conv.right() + tail.count.all()).saturating_sub(2 * before);
     tail.count.add((rows, zeros));
     let (all, results) = (held + rows + zeros, results_of(tail.count) - before);
     shift_back(sequence, rows * width, held * width);

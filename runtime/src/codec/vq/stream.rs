@@ -30,13 +30,13 @@ impl<'a> Decoder<'a> {
     /// token that the frame belongs to counted.
     #[must_use]
     pub fn radius_frames(&self) -> usize {
-        self.layers().fold(0, |lag, (_, layer)| match layer {
-            Layer::Upsample(_) => 2 * lag + 1,
-            _ => lag + layer.ahead(),
+        self.layers().fold(0, |lag, (_, layer)| {
+            let doubled = if let Layer::Upsample(_) = layer { lag } else { 0 };
+            lag + doubled + layer.ahead(Direction::Forward)
         })
     }
 
-    /// The same in tokens, rounded up: a token may change so many tokens' frames on either side.
+    /// The same in tokens, rounded up: a token may change the frames of so many tokens before it.
     #[must_use]
     pub fn radius_tokens(&self) -> usize {
         self.radius_frames().div_ceil(self.upsampling().max(1))
