@@ -43,6 +43,7 @@ impl Layer<'_, '_> {
     }
 
     /// Rows before a row and behind it that what leaves the layer there depends on, forward; for an upsampling they count after it.
+    #[inline(never)]
     const fn padding(&self) -> (usize, usize) {
         match self {
             Layer::Convolution(conv) | Layer::Upsample(conv) => (conv.left(), conv.right()),
