@@ -34,8 +34,8 @@ const MISSING: Option<&str> = if !cfg!(feature = "vq") {
 fn what_is_not_linked_is_named() {
     match (opened_and_bent(), MISSING) {
         (Err(blob::Error::NotLinked { feature }), Some(missing)) => assert_eq!(feature, missing),
-        (Ok(Ok(())), None) => assert!(cfg!(feature = "refining")),
-        (Ok(Err(Error::NotLinked { feature: "refining" })), None) => assert!(!cfg!(feature = "refining")),
+        (Ok(Ok(())), None) if cfg!(feature = "refining") => {}
+        (Ok(Err(Error::NotLinked { feature: "refining" })), None) if !cfg!(feature = "refining") => {}
         (found, missing) => panic!("{found:?}, the missing family is {missing:?}"),
     }
 }

@@ -32,7 +32,6 @@ mod pointer;
 mod panic;
 
 #[cfg(test)]
-#[expect(clippy::multiple_unsafe_ops_per_block, reason = "tests call function after function of the C interface")]
 mod families;
 #[cfg(test)]
 #[expect(clippy::multiple_unsafe_ops_per_block, reason = "tests call function after function of the C interface")]
