@@ -35,12 +35,6 @@
 // The token that adds nothing, in any layer.
 #define Codebooks_NONE UINT16_MAX
 
-// The token that adds nothing, in any layer.
-#define Codebooks_NONE UINT16_MAX
-
-// Numbers that [`Scaffold::new`] needs.
-#define Scaffold_NUMBERS (3 * MAX_ANCHORS)
-
 // Numbers that [`Scaffold::new`] needs.
 #define Scaffold_NUMBERS (3 * MAX_ANCHORS)
 
@@ -180,43 +174,6 @@ enum mtn_stage
 typedef enum mtn_stage mtn_stage;
 #else
 typedef uint32_t mtn_stage;
-#endif // __STDC_VERSION__ >= 202311L
-#endif // __cplusplus
-
-// A joint of the body skeleton; its number is that of the SMPL order.
-enum mtn_joint
-#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
-  : uint8_t
-#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
- {
-    MTN_JOINT_PELVIS = 0,
-    MTN_JOINT_LEFT_HIP = 1,
-    MTN_JOINT_RIGHT_HIP = 2,
-    MTN_JOINT_SPINE1 = 3,
-    MTN_JOINT_LEFT_KNEE = 4,
-    MTN_JOINT_RIGHT_KNEE = 5,
-    MTN_JOINT_SPINE2 = 6,
-    MTN_JOINT_LEFT_ANKLE = 7,
-    MTN_JOINT_RIGHT_ANKLE = 8,
-    MTN_JOINT_SPINE3 = 9,
-    MTN_JOINT_LEFT_FOOT = 10,
-    MTN_JOINT_RIGHT_FOOT = 11,
-    MTN_JOINT_NECK = 12,
-    MTN_JOINT_LEFT_COLLAR = 13,
-    MTN_JOINT_RIGHT_COLLAR = 14,
-    MTN_JOINT_HEAD = 15,
-    MTN_JOINT_LEFT_SHOULDER = 16,
-    MTN_JOINT_RIGHT_SHOULDER = 17,
-    MTN_JOINT_LEFT_ELBOW = 18,
-    MTN_JOINT_RIGHT_ELBOW = 19,
-    MTN_JOINT_LEFT_WRIST = 20,
-    MTN_JOINT_RIGHT_WRIST = 21,
-};
-#ifndef __cplusplus
-#if __STDC_VERSION__ >= 202311L
-typedef enum mtn_joint mtn_joint;
-#else
-typedef uint8_t mtn_joint;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
@@ -443,8 +400,6 @@ typedef struct mtn_motion {
 
 // Stop at once, no motion. Any other number counts as this.
 #define MTN_FLOW_ABORT 2
-
-
 
 
 

@@ -6,7 +6,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`file`] | the prompts, from JSON lines |
+//! | [`mod@file`] | the prompts, from JSON lines |
 //! | [`unseen`] | prompts that share no content word with the training captions of their actions |
 //! | [`trust`] | which actions the evaluator may judge |
 //! | [`verdict`] | what became of a prompt, what each judge says |
