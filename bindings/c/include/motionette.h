@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 // Words of `mtn_model`'s storage.
-#define MTN_MODEL_WORDS 496
+#define MTN_MODEL_WORDS 544
 
 // Rows that pass through a layer at a time unless a generator is told otherwise.
 #define MTN_ROWS 8
@@ -30,7 +30,7 @@
 #define MTN_MAX_ANCHORS 32
 
 // Words of `mtn_generator`'s storage.
-#define MTN_GENERATOR_WORDS 496
+#define MTN_GENERATOR_WORDS 544
 
 // The token that adds nothing, in any layer.
 #define Codebooks_NONE UINT16_MAX

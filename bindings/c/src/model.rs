@@ -11,7 +11,7 @@ use crate::error::{mtn_error, mtn_result, report};
 use crate::pointer::{Slot, clamped, place, slice};
 
 /// Words of `mtn_model`'s storage.
-pub const MTN_MODEL_WORDS: usize = 496;
+pub const MTN_MODEL_WORDS: usize = 544;
 
 /// An opened blob. Opaque: give it zeroed storage (a `static` is), call `mtn_model_open`, and do not copy it.
 #[repr(C)]
