@@ -99,76 +99,12 @@ compile_error!("motionette reads little-endian weights in place; big-endian targ
 mod invariant;
 
 // What firmware needs of these rooms stands at the root; tests and tools see the rooms themselves.
-#[cfg(not(feature = "internals"))]
-mod channels;
+mod rooms;
 #[cfg(feature = "internals")]
 #[doc(hidden)]
-pub mod channels;
+pub use rooms::*;
 #[cfg(not(feature = "internals"))]
-mod codec;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod codec;
-#[cfg(not(feature = "internals"))]
-mod conditioning;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod conditioning;
-#[cfg(not(feature = "internals"))]
-mod generation;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod generation;
-#[cfg(not(feature = "internals"))]
-mod kernels;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod kernels;
-#[cfg(not(feature = "internals"))]
-mod memory;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod memory;
-#[cfg(not(feature = "internals"))]
-mod model;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod model;
-#[cfg(not(feature = "internals"))]
-mod nn;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod nn;
-#[cfg(not(feature = "internals"))]
-mod numerics;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod numerics;
-#[cfg(not(feature = "internals"))]
-mod pipeline;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod pipeline;
-#[cfg(not(feature = "internals"))]
-mod representation;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod representation;
-#[cfg(not(feature = "internals"))]
-mod request;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod request;
-#[cfg(not(feature = "internals"))]
-mod stop;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod stop;
-#[cfg(not(feature = "internals"))]
-mod text;
-#[cfg(feature = "internals")]
-#[doc(hidden)]
-pub mod text;
+use rooms::*;
 
 pub mod blob;
 mod log;

@@ -72,9 +72,9 @@ impl<'a> Linear<'a> {
         self.stride != self.inputs
     }
 
-    /// Weights of `count` outputs from `first` on; none where they are out of range.
+    /// Weights of `count` outputs from `first` on.
     fn rows(&self, first: usize, count: usize) -> &'a [u8] {
-        self.weights.get(first * self.stride..(first + count) * self.stride).unwrap_or(&[])
+        part!(self.weights, first * self.stride..(first + count) * self.stride)
     }
 
     /// Input channels.
@@ -95,12 +95,12 @@ impl<'a> Linear<'a> {
         (self.inputs * self.outputs()) as u64
     }
 
-    /// The layer of `count` outputs from `first` on; none where they are out of range.
+    /// The layer of `count` outputs from `first` on.
     #[must_use]
     pub fn part(&self, first: usize, count: usize) -> Linear<'a> {
         let weights = self.rows(first, count);
-        let scales = self.scales.get(first..first + count).unwrap_or(&[]);
-        let biases = self.biases.get(first..first + count).unwrap_or(&[]);
+        let scales = part!(self.scales, first..first + count);
+        let biases = part!(self.biases, first..first + count);
         Linear { weights, scales, biases, ..*self }
     }
 

@@ -1,0 +1,30 @@
+//! The rooms that only the crate itself sees, and tests and tools with the feature `internals`, at the crate's root.
+
+#[path = "channels.rs"]
+pub mod channels;
+#[path = "codec/mod.rs"]
+pub mod codec;
+#[path = "conditioning/mod.rs"]
+pub mod conditioning;
+#[path = "generation/mod.rs"]
+pub mod generation;
+#[path = "kernels/mod.rs"]
+pub mod kernels;
+#[path = "memory/mod.rs"]
+pub mod memory;
+#[path = "model/mod.rs"]
+pub mod model;
+#[path = "nn/mod.rs"]
+pub mod nn;
+#[path = "numerics/mod.rs"]
+pub mod numerics;
+#[path = "pipeline/mod.rs"]
+pub mod pipeline;
+#[path = "representation/mod.rs"]
+pub mod representation;
+#[path = "request/mod.rs"]
+pub mod request;
+#[path = "stop.rs"]
+pub mod stop;
+#[path = "text/mod.rs"]
+pub mod text;
