@@ -403,6 +403,8 @@ typedef struct mtn_motion {
 
 
 
+
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
