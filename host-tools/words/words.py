@@ -56,7 +56,7 @@ def forms(word):
         yield word[:-4] + "s"
 
 
-# ---- Phrases: the grammar of docs/phrases.toml, as in host-tools/src/import/phrases.rs.
+# ---- Phrases: the grammar of docs/phrases.toml, as in host-tools/src/import/phrases/.
 
 class Phrases:
     def __init__(self, path):
@@ -142,7 +142,7 @@ class Phrases:
         return found
 
     def sentence(self, action, side, style, rng, only=None):
-        """One sentence; `only`: a (kind, template) instead of one drawn. Mirrors phrases.rs, without misspellings."""
+        """One sentence; `only`: a (kind, template) instead of one drawn. Mirrors import/phrases, without misspellings."""
         entry = self.actions[action]
         usable = lambda t: side in SIDES or not re.search("{(side|other|clock)}", t)
         if only:

@@ -9,43 +9,14 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::Spanned;
 
+use super::table;
+pub use super::table::Error;
 use crate::dataset::Side;
-use crate::input;
 
+/// What the file holds.
+const WHAT: &str = "actions";
 /// Stands for `left` and `right` in a name.
 const SIDE: &str = "{side}";
-
-/// Why a table of actions cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum Error {
-    /// The file cannot be read.
-    #[error("cannot read the table of actions {}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The file is not TOML, or a key has another type or name.
-    #[error("{} is not a table of actions; docs/data.md describes its keys", path.display())]
-    Syntax {
-        /// The file.
-        path: PathBuf,
-        /// What the reader said, with line and column.
-        source: Box<toml::de::Error>,
-    },
-    /// An entry contradicts another, or names what is not there.
-    #[error("{} line {line}: {problem}", path.display())]
-    Entry {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What is wrong and what to do.
-        problem: String,
-    },
-}
 
 /// What the table says of a collection.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
@@ -166,8 +137,7 @@ impl Actions {
     /// [`Error`], naming the file and the line.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, Error> {
         let path = path.as_ref();
-        let text = input::read_text(path, input::ANY).map_err(|source| Error::Read { path: path.into(), source })?;
-        Self::parse(path, &text)
+        Self::parse(path, &table::read(path, WHAT)?)
     }
 
     /// The table in `text`; `path` is what errors name.
@@ -175,8 +145,7 @@ impl Actions {
     /// # Errors
     /// [`Error::Syntax`], [`Error::Entry`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
-        let written: Written =
-            toml::from_str(text).map_err(|source| Error::Syntax { path: path.into(), source: Box::new(source) })?;
+        let written: Written = table::parse(path, text, WHAT)?;
         let fail = |span: std::ops::Range<usize>, problem: String| {
             let before = text.get(..span.start).unwrap_or_default();
             Error::Entry { path: path.into(), line: before.matches('\n').count() + 1, problem }

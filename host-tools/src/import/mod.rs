@@ -12,6 +12,7 @@ pub mod packs;
 pub mod phrases;
 pub mod recordings;
 mod summary;
+pub mod table;
 
 pub use summary::{Count, Note, Skipped, Summary};
 

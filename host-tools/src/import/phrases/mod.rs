@@ -1,0 +1,237 @@
+//! Ways to say actions and styles (`docs/phrases.toml`), and the sentences that are made of them.
+//!
+//! A template marks its verbs and has slots and alternatives; frames put it into a sentence about a subject that it agrees with. The form
+//! is described in `docs/data.md`, "Phrases". Words for a side stand in templates only as slots: with the same random numbers, the other
+//! side gives the same sentence with left and right exchanged.
+
+mod check;
+mod inflect;
+mod sentence;
+#[cfg(test)]
+mod tests;
+mod written;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::table::{self, Error};
+use crate::dataset::Side;
+use inflect::Form;
+use motionette::numerics::hash::Stream;
+use sentence::{Sentence, pick, tidy};
+
+/// What the file holds.
+const WHAT: &str = "phrases";
+/// Stands for `left` and `right` in a name.
+const SIDE: &str = "{side}";
+/// Slots that only an action with a side can fill.
+const SIDED: [&str; 3] = ["side", "other", "clock"];
+/// Slots that agree with the subject.
+const AGREEING: [&str; 3] = ["they", "their", "themself"];
+/// Subjects that verbs and pronouns agree with in the same way.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Group {
+    weight: u32,
+    names: Vec<String>,
+    whom: Option<String>,
+    they: String,
+    their: String,
+    themself: String,
+    are: String,
+    were: String,
+    plural: bool,
+}
+
+/// Ways to say a style, by the place where they stand.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Style {
+    name: String,
+    accept: Vec<String>,
+    adverb: Vec<String>,
+    adjective: Vec<String>,
+    manner: Vec<String>,
+    lead: Vec<String>,
+    person: Vec<String>,
+}
+
+/// Ways to say an action.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Action {
+    name: String,
+    /// Verb phrases, nouns, whole sentences.
+    kinds: [Vec<String>; 3],
+}
+
+const DO: usize = 0;
+const THING: usize = 1;
+const SAY: usize = 2;
+
+/// All phrases.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Phrases {
+    who: Vec<Group>,
+    /// Place of the subject of sentences that name none.
+    you: usize,
+    frames: [Vec<String>; 2],
+    order: Vec<String>,
+    typos: BTreeMap<String, Vec<String>>,
+    verbs: BTreeMap<String, [String; 3]>,
+    styles: Vec<Style>,
+    actions: Vec<Action>,
+}
+
+fn lines(text: &str) -> Vec<String> {
+    text.lines().map(str::trim).filter(|line| !line.is_empty()).map(str::to_owned).collect()
+}
+
+impl Phrases {
+    /// Reads and checks phrases.
+    ///
+    /// # Errors
+    /// [`Error`], naming the file and the line.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, Error> {
+        let path = path.as_ref();
+        Self::parse(path, &table::read(path, WHAT)?)
+    }
+
+    /// The phrases in `text`; `path` is what errors name.
+    ///
+    /// # Errors
+    /// [`Error::Syntax`], [`Error::Entry`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
+        let file: written::File = table::parse(path, text, WHAT)?;
+        let who: Vec<Group> = file.who.into_iter().map(Group::from).collect();
+        let mut phrases = Phrases {
+            you: who.iter().position(|group| group.names == ["you"]).unwrap_or(usize::MAX),
+            who,
+            frames: [lines(&file.frames.action), lines(&file.frames.thing)],
+            order: lines(&file.order.two),
+            typos: file.typos.iter().map(|(word, typos)| (word.clone(), words(typos))).collect(),
+            verbs: BTreeMap::new(),
+            styles: file.style.into_iter().map(Style::from).collect(),
+            actions: file.action.into_iter().map(Action::from).collect(),
+        };
+        let fail = |part: &str, problem: String| {
+            let line =
+                text.lines().position(|line| line.trim() == part || line.starts_with(part)).map_or(0, |at| at + 1);
+            Error::Entry { path: path.into(), line, problem }
+        };
+        for (verb, forms) in &file.verbs {
+            let three = <[String; 3]>::try_from(words(forms)).map_err(|_| {
+                fail(&format!("{verb} ="), format!("{verb:?} needs three forms: third person, -ing, past"))
+            })?;
+            phrases.verbs.insert(verb.clone(), three);
+        }
+        phrases.check().map_err(|(part, problem)| fail(&part, problem))?;
+        Ok(phrases)
+    }
+
+    /// Names of the styles, each with those that may be taken for it.
+    pub fn styles(&self) -> impl Iterator<Item = (&str, &[String])> {
+        self.styles.iter().map(|style| (style.name.as_str(), style.accept.as_slice()))
+    }
+
+    /// How many templates a canonical action has; 0 when it is unknown.
+    #[must_use]
+    pub fn templates(&self, action: &str) -> usize {
+        self.action(action, Side::None).map_or(0, |(action, _)| action.kinds.iter().map(Vec::len).sum())
+    }
+
+    /// The entry of a canonical action, and the side that its name or else `side` says.
+    fn action(&self, name: &str, side: Side) -> Option<(&Action, Side)> {
+        self.actions.iter().find_map(|action| {
+            if action.name == name {
+                return Some((action, side));
+            }
+            let sided = |side: Side| action.name.contains(SIDE) && action.name.replace(SIDE, &side.to_string()) == name;
+            [Side::Left, Side::Right].into_iter().find(|side| sided(*side)).map(|side| (action, side))
+        })
+    }
+
+    /// A sentence for a canonical action. `side` is that of the clip and does not count where the name says one. `None` for an action or a
+    /// style that has no phrases.
+    pub fn sentence(&self, action: &str, side: Side, style: Option<&str>, stream: &mut Stream) -> Option<String> {
+        let (action, side) = self.action(action, side)?;
+        let style = match style {
+            Some(name) => Some(self.styles.iter().find(|style| style.name == name)?),
+            None => None,
+        };
+        let kind = *pick(stream, &[DO, DO, DO, THING, SAY]);
+        let kind = if action.usable(kind, side).is_empty() { DO } else { kind };
+        let usable = action.usable(kind, side);
+        let template = *pick(stream, &usable);
+        loop {
+            let frame = match kind {
+                SAY if template.contains("{end}") => template.to_owned(),
+                SAY => format!("{template} {{end}}"),
+                _ => pick(stream, self.frames.get(kind)?).clone(),
+            };
+            let mut sentence = Sentence::new(self, &frame, side, stream);
+            if let Some(style) = style
+                && !sentence.style(style, &frame, stream)
+            {
+                continue;
+            }
+            match kind {
+                DO => sentence.verbs("", template, &frame, stream),
+                THING => {
+                    let thing = sentence.fill(template, Form::Base, stream);
+                    sentence.slots.push(("thing".into(), thing));
+                }
+                _ => {}
+            }
+            return Some(tidy(&sentence.fill(&frame, Form::Agree, stream)));
+        }
+    }
+
+    /// A sentence for two canonical actions, the first of which comes first. `None` for one that has no phrases.
+    pub fn sequence(&self, first: (&str, Side), second: (&str, Side), stream: &mut Stream) -> Option<String> {
+        let frame = pick(stream, &self.order);
+        let mut sentence = Sentence::new(self, frame, Side::None, stream);
+        for (digit, (name, side)) in [("1", first), ("2", second)] {
+            let (action, side) = self.action(name, side)?;
+            let template = *pick(stream, &action.usable(DO, side));
+            sentence.side = side;
+            sentence.verbs(digit, template, frame, stream);
+        }
+        Some(tidy(&sentence.fill(frame, Form::Agree, stream)))
+    }
+
+    /// The sentence with one word misspelt, where one has a common misspelling.
+    #[must_use]
+    pub fn misspelt(&self, sentence: &str, stream: &mut Stream) -> String {
+        let mut words: Vec<&str> = sentence.split(' ').collect();
+        let can: Vec<usize> = (0..words.len()).filter(|at| self.typos.contains_key(words[*at])).collect();
+        if !can.is_empty() {
+            let at = *pick(stream, &can);
+            words[at] = pick::<String>(stream, &self.typos[words[at]]);
+        }
+        words.join(" ")
+    }
+}
+
+impl Style {
+    fn templates(&self) -> impl Iterator<Item = &String> {
+        [&self.adverb, &self.adjective, &self.manner, &self.lead, &self.person].into_iter().flatten()
+    }
+}
+
+impl Action {
+    /// Templates of a kind that this side can fill.
+    fn usable(&self, kind: usize, side: Side) -> Vec<&str> {
+        let sided = matches!(side, Side::Left | Side::Right);
+        let asks = |template: &str| SIDED.iter().any(|slot| template.contains(&format!("{{{slot}}}")));
+        self.kinds
+            .get(kind)
+            .into_iter()
+            .flatten()
+            .map(String::as_str)
+            .filter(|template| sided || !asks(template))
+            .collect()
+    }
+}
+
+/// Words of a list.
+fn words(text: &str) -> Vec<String> {
+    text.split_whitespace().map(str::to_owned).collect()
+}
