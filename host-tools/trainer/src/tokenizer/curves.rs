@@ -46,11 +46,11 @@ impl Figures for Point {
 impl fmt::Display for Point {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { rate, terms, commitment, perplexity, moved, gradient_norm, .. } = self;
-        let Terms { features, position, root, heading, total, .. } = terms;
-        let (position, root) = (1e3 * position, 1e3 * root);
+        let Terms { features, position, bones, root, heading, total, .. } = terms;
+        let (position, bones, root) = (1e3 * position, 1e3 * bones, 1e3 * root);
         write!(
             f,
-            "rate {rate:.1e} loss {total:.4} features {features:.4} position {position:.1} mm root {root:.0} mm "
+            "rate {rate:.1e} loss {total:.4} features {features:.4} position {position:.1} mm bones {bones:.1} mm root {root:.0} mm "
         )?;
         write!(f, "heading {heading:.3} commitment {commitment:.4} perplexity {perplexity:.0} moved {moved} ")?;
         write!(f, "norm {gradient_norm:.2}")
@@ -97,6 +97,9 @@ mod tests {
     fn a_picture_has_a_line_for_every_subset() {
         let report = |split, subset: &str, error| Report {
             known_actor: None,
+            bones_p99_mm: None,
+            jerk: None,
+            skating: None,
             split,
             subset: subset.into(),
             clips: 1,

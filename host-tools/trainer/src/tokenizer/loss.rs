@@ -6,6 +6,7 @@
 //! * features: `mean_t sum_c w_c smooth_l1(e_tc)`, w_c = share of the channel's group / channels of the group
 //! * position: `mean_{t,j} |D_tj|` over the 21 local joint positions (root-aligned error, metres)
 //! * velocity: `mean_{t,j} |D_{t+1,j} - D_tj|`, same joints
+//! * bones: `mean_{t,j} | |b_tj(y)| - |b_tj(x)| |` over the 21 bones, `b` from a joint's parent to the joint (metres)
 //! * root: `mean_t |p(y)_t - p(x)_t|` on the floor after roll-out (EQUATIONS section 1)
 //! * heading: `mean_t |2 (a(y)_t - a(x)_t)|` after roll-out
 //!
@@ -13,7 +14,8 @@
 //! starts with every crop. In crops with synthetic legs the channels of legs and contacts ([`of_legs`]) have an error of zero: the decoder is
 //! free there, and other joints weigh as much as in other crops.
 
-use motionette_host::motion::features::{PLANAR_VELOCITY, POSITIONS, YAW_VELOCITY, of_legs};
+use motionette_host::motion::features::{HEIGHT, PLANAR_VELOCITY, POSITIONS, YAW_VELOCITY, of_legs};
+use motionette_host::motion::{JOINTS, skeleton};
 
 use super::batch::Batch;
 use super::config::{FEATURES, LossWeights};
@@ -31,6 +33,9 @@ pub struct Terms {
     pub position: f32,
     /// Its change from frame to frame, metres.
     pub velocity: f32,
+    /// Error of the bones' lengths, metres.
+    #[serde(default)]
+    pub bones: f32,
     /// Root error on the floor within crops, metres.
     pub root: f32,
     /// Heading error within crops, radians.
@@ -87,6 +92,7 @@ impl Objective {
         terms.total = terms.features
             + w.position * terms.position
             + w.velocity * terms.velocity
+            + w.bones * terms.bones
             + w.root * terms.root
             + w.heading * terms.heading;
         terms
@@ -132,8 +138,38 @@ impl Objective {
                 }
             }
             previous = current;
+            self.bones(y, x, &mut gradient[row..row + FEATURES], share / (JOINTS - 1) as f32, terms);
         }
         self.roll_out(y, x, gradient, share, terms);
+    }
+
+    /// The lengths of the bones of one frame.
+    fn bones(&self, y: &[f32], x: &[f32], gradient: &mut [f32], per_bone: f32, terms: &mut Terms) {
+        let Normalization { mean, std } = &self.normalization;
+        // Of each joint's coordinates in the root's frame, which channel holds them: the pelvis has its height alone.
+        let channel = |joint: usize, axis: usize| match (joint, axis) {
+            (0, 1) => Some(HEIGHT),
+            (0, _) => None,
+            _ => Some(POSITIONS.start + 3 * (joint - 1) + axis),
+        };
+        let bone = |row: &[f32], joint: usize| -> [f32; 3] {
+            let at = |joint, axis| channel(joint, axis).map_or(0.0, |c| row[c] * std[c] + mean[c]);
+            std::array::from_fn(|axis| at(joint, axis) - at(skeleton::PARENTS[joint], axis))
+        };
+        for joint in 1..JOINTS {
+            let (length, direction) = distance(bone(y, joint));
+            let (wanted, _) = distance(bone(x, joint));
+            let (value, slope) = distance([length - wanted, 0.0, 0.0]);
+            terms.bones += per_bone * value;
+            let slope = self.weights.bones * per_bone * slope[0];
+            for axis in 0..3 {
+                for (end, sign) in [(joint, 1.0), (skeleton::PARENTS[joint], -1.0)] {
+                    if let Some(c) = channel(end, axis) {
+                        gradient[c] += sign * slope * direction[axis] * std[c];
+                    }
+                }
+            }
+        }
     }
 
     /// The two terms of the root's path.
@@ -224,8 +260,7 @@ fn distance(d: [f32; 3]) -> (f32, [f32; 3]) {
 mod tests {
     use super::*;
     use crate::random::Random;
-    use motionette_host::motion::features::HEIGHT;
-    use motionette_host::motion::recover;
+    use motionette_host::motion::{Pose, recover};
 
     fn noise(n: usize, stream: u64) -> Vec<f32> {
         let mut random = Random::new(21, stream);
@@ -243,6 +278,7 @@ mod tests {
             groups: [0.2, 0.1, 0.1, 0.3, 0.1, 0.1, 0.1],
             position: 1.3,
             velocity: 0.7,
+            bones: 0.9,
             root: 1.1,
             heading: 0.6,
             commitment: 0.0,
@@ -302,6 +338,13 @@ mod tests {
         let root = |t: usize| (a[t][0][0] - b[t][0][0]).hypot(a[t][0][2] - b[t][0][2]);
         let mean = (0..window).map(root).sum::<f32>() / window as f32;
         assert!((terms.root - mean).abs() < 2e-3, "{} {mean}", terms.root);
+        let length = |pose: &Pose, j: usize| {
+            let parent = pose[skeleton::PARENTS[j]];
+            (0..3).map(|i| (pose[j][i] - parent[i]).powi(2)).sum::<f32>().sqrt()
+        };
+        let off = |t: usize| (1..JOINTS).map(|j| (length(&a[t], j) - length(&b[t], j)).abs()).sum::<f32>();
+        let mean = (0..window).map(off).sum::<f32>() / (window * (JOINTS - 1)) as f32;
+        assert!((terms.bones - mean).abs() < 2e-3, "{} {mean}", terms.bones);
     }
 
     fn single(features: Vec<f32>, length: usize, synthetic: bool) -> Batch {

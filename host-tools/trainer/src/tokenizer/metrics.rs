@@ -6,7 +6,8 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use motionette_host::dataset::{ClipView, Dataset, Split};
-use motionette_host::motion::{JOINTS, Pose, recover, skeleton};
+use motionette_host::metrics::{foot_skating, jerk};
+use motionette_host::motion::{FPS, JOINTS, Pose, recover, skeleton};
 use serde::{Deserialize, Serialize};
 
 use super::Error;
@@ -45,12 +46,42 @@ pub struct Report {
     pub drift_5s_mm: Option<f64>,
     /// Error of the heading at the last frame, degrees.
     pub heading_end_deg: f64,
+    /// 99th percentile of the error of a bone's length in a frame, mm; null in reports from before it was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bones_p99_mm: Option<f64>,
+    /// Mean jerk over the clips' frames.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub jerk: Option<Compared>,
+    /// Share of frames in which a foot skates, over clips whose feet were measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skating: Option<Compared>,
     /// Codes that occur.
     pub codes_used: usize,
     /// The same as a share of the codebook.
     pub codes_used_share: f64,
     /// Exponential of the entropy of code frequencies.
     pub perplexity: f64,
+}
+
+/// A figure of the decoded motions beside that of the clips themselves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Compared {
+    /// Of what the decoder gives.
+    pub decoded: f64,
+    /// Of the clips.
+    pub real: f64,
+}
+
+impl Compared {
+    fn add(&mut self, figure: impl Fn(&[Pose]) -> f64, decoded: &[Pose], real: &[Pose], frames: usize) {
+        self.decoded += frames as f64 * figure(decoded);
+        self.real += frames as f64 * figure(real);
+    }
+
+    fn over(self, frames: usize) -> Option<Self> {
+        let n = frames as f64;
+        (frames > 0).then(|| Self { decoded: self.decoded / n, real: self.real / n })
+    }
 }
 
 /// Sums of one subset.
@@ -68,6 +99,12 @@ struct Sums {
     drift_5s: f64,
     clips_5s: usize,
     heading: f64,
+    /// Errors of every measured bone in every frame, mm.
+    bones: Vec<f32>,
+    jerk: Compared,
+    skating: Compared,
+    /// Frames whose feet were measured.
+    footed: usize,
     counts: Vec<u64>,
 }
 
@@ -143,6 +180,17 @@ impl Sums {
         let frames = wanted.len();
         self.clips += 1;
         self.frames += frames;
+        let error = |a: &Pose, b: &Pose, j: usize| {
+            let parent = skeleton::PARENTS[j];
+            1e3 * (distance(a[j], a[parent]) - distance(b[j], b[parent])).abs() as f32
+        };
+        let bones = decoded.iter().zip(wanted).flat_map(|(a, b)| measured.iter().map(move |j| error(a, b, *j)));
+        self.bones.extend(bones);
+        self.jerk.add(|motion| jerk(motion, FPS), decoded, wanted, frames);
+        if !synthetic_legs {
+            self.skating.add(|motion| foot_skating(motion, 0.0), decoded, wanted, frames);
+            self.footed += frames;
+        }
         let mut angle = 0.0f64;
         for t in 0..frames {
             let (a, b) = (&decoded[t], &wanted[t]);
@@ -173,10 +221,12 @@ impl Sums {
         }
     }
 
-    fn report(self, split: Split, subset: String) -> Report {
+    fn report(mut self, split: Split, subset: String) -> Report {
         let frames = self.frames as f64;
         let clips = self.clips as f64;
         let usage = Usage::of(&self.counts);
+        let rank = (0.99 * self.bones.len().saturating_sub(1) as f64).round() as usize;
+        let bones = (!self.bones.is_empty()).then(|| *self.bones.select_nth_unstable_by(rank, f32::total_cmp).1);
         Report {
             split,
             subset,
@@ -189,6 +239,9 @@ impl Sums {
             drift_end_mm: 1e3 * self.drift_end / clips,
             drift_5s_mm: (self.clips_5s > 0).then(|| 1e3 * self.drift_5s / self.clips_5s as f64),
             heading_end_deg: self.heading / clips,
+            bones_p99_mm: bones.map(f64::from),
+            jerk: self.jerk.over(self.frames),
+            skating: self.skating.over(self.footed),
             codes_used: usage.used,
             codes_used_share: usage.used as f64 / self.counts.len() as f64,
             perplexity: usage.perplexity,
@@ -207,13 +260,17 @@ fn planar(a: [f32; 3], b: [f32; 3]) -> f64 {
 /// The reports as a table for people.
 pub fn table(reports: &[Report]) -> String {
     let mut text = String::from(
-        "split subset clips frames | MPJPE mm: root-aligned   local  global | drift mm: end    5 s | heading | codes used | perplexity | known actor\n",
+        "split subset clips frames | MPJPE mm: root-aligned   local  global | drift mm: end    5 s | heading | bones 99 % | jerk / real | skating, real | codes used | perplexity | known actor\n",
     );
     for r in reports {
-        let known_actor = r.known_actor.map_or_else(|| "-".to_owned(), |share| format!("{:.0}%", 100.0 * share));
-        let drift_5s = r.drift_5s_mm.map_or_else(|| "-".to_owned(), |d| format!("{d:.0}"));
+        let told = |figure: Option<String>| figure.unwrap_or_else(|| "-".to_owned());
+        let known_actor = told(r.known_actor.map(|share| format!("{:.0}%", 100.0 * share)));
+        let drift_5s = told(r.drift_5s_mm.map(|d| format!("{d:.0}")));
+        let bones = told(r.bones_p99_mm.map(|mm| format!("{mm:.1} mm")));
+        let jerk = told(r.jerk.map(|jerk| format!("{:.2}", jerk.decoded / jerk.real)));
+        let skating = told(r.skating.map(|s| format!("{:.1}, {:.1}%", 100.0 * s.decoded, 100.0 * s.real)));
         text += &format!(
-            "{:<5} {:<6} {:>5} {:>6} | {:>22.1} {:>7.1} {:>7.1} | {:>13.0} {:>6} | {:>4.1} deg | {:>4} {:>4.0}% | {:>10.0} | {known_actor}\n",
+            "{:<5} {:<6} {:>5} {:>6} | {:>22.1} {:>7.1} {:>7.1} | {:>13.0} {:>6} | {:>4.1} deg | {bones:>10} | {jerk:>11} | {skating:>13} | {:>4} {:>4.0}% | {:>10.0} | {known_actor}\n",
             r.split.to_string(),
             r.subset,
             r.clips,
@@ -262,6 +319,41 @@ mod tests {
         assert!(report.mpjpe_global_mm > last && report.mpjpe_global_mm < last + 10.0);
         assert_eq!((report.codes_used, report.codes_used_share), (2, 0.5));
         assert_eq!(report.drift_5s_mm, None);
+        // Three bones begin at the pelvis, which stayed where it was; the error of a shift by 10 mm is what their slope makes of it.
+        let bones = report.bones_p99_mm.unwrap();
+        assert!(bones > 5.0 && bones <= 10.0 + 1e-2, "{bones}");
+        let jerk = report.jerk.unwrap();
+        assert!((jerk.decoded / jerk.real - 1.0).abs() < 1e-2, "a constant shift has no jerk: {jerk:?}");
+    }
+
+    /// One bone of 21 that is 7 mm too long in a few frames is beyond the 99th percentile, in all frames within it; a shaking wrist is
+    /// jerk, feet that slide are skating, of measured feet alone.
+    #[test]
+    fn bones_jerk_and_skating_of_known_mistakes() {
+        let dataset = testing::dataset(1, 60);
+        let clip = dataset.clip(0);
+        let report = |spoil: &dyn Fn(usize, &mut Pose), synthetic_legs: bool| {
+            let mut decoded = clip.joints.to_vec();
+            decoded.iter_mut().enumerate().for_each(|(t, pose)| spoil(t, pose));
+            let mut sums = Sums { counts: vec![1], ..Sums::default() };
+            sums.add(&decoded, clip.features, &Wanted { joints: clip.joints, features: clip.features, synthetic_legs });
+            sums.report(Split::Test, "x".into())
+        };
+        let longer = |frames: usize| {
+            move |t: usize, pose: &mut Pose| {
+                let (elbow, wrist) = (pose[18], pose[20]);
+                let length = distance(elbow, wrist) as f32;
+                let stretch = if t < frames { 1.0 + 0.007 / length } else { 1.0 };
+                pose[20] = std::array::from_fn(|i| elbow[i] + stretch * (wrist[i] - elbow[i]));
+            }
+        };
+        assert!((report(&longer(60), false).bones_p99_mm.unwrap() - 7.0).abs() < 1e-2);
+        assert!(report(&longer(3), false).bones_p99_mm.unwrap() < 1e-2);
+        let shaken = report(&|t, pose| pose[20][0] += 0.02 * (t % 2) as f32, false).jerk.unwrap();
+        assert!(shaken.decoded > 1.5 * shaken.real, "{shaken:?}");
+        let slid = |t: usize, pose: &mut Pose| pose[10] = [0.03 * t as f32, 0.0, 0.0];
+        assert_eq!(report(&slid, false).skating.unwrap().decoded, 1.0);
+        assert_eq!(report(&slid, true).skating, None);
     }
 
     /// Where legs are synthetic their errors are none, and those of other joints weigh in full.

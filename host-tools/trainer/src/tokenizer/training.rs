@@ -60,6 +60,7 @@ impl harness::Means<Step, Point> for Means {
         sum.features += terms.features;
         sum.position += terms.position;
         sum.velocity += terms.velocity;
+        sum.bones += terms.bones;
         sum.root += terms.root;
         sum.heading += terms.heading;
         sum.total += terms.total;
@@ -85,6 +86,7 @@ impl harness::Means<Step, Point> for Means {
                 features: self.terms.features / n,
                 position: self.terms.position / n,
                 velocity: self.terms.velocity / n,
+                bones: self.terms.bones / n,
                 root: self.terms.root / n,
                 heading: self.terms.heading / n,
                 total: self.terms.total / n,
