@@ -119,7 +119,7 @@ pub use generation::tokens::{
 #[cfg(feature = "check-kernels")]
 pub use kernels::check as check_kernels;
 pub use memory::ArenaTooSmall;
-pub use model::{CargoFeature, Model, cargo_features};
+pub use model::{CargoFeature, InWords, Model, cargo_features};
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
 pub use numerics::hash::motion as motion_hash;
 pub use pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
@@ -131,6 +131,7 @@ pub use request::joint::{Joint, NoSuchJoint};
 pub use request::prompt::{Prompt, PromptError, PromptStats};
 pub use request::{Request, Source};
 pub use stop::Stop;
+pub use text::meaning::{Guess, Understood};
 pub use text::words::{MAX_PROMPT, MAX_WORD, Word, Words};
 
 /// Joints of the body skeleton (SMPL order, see [`representation::skeleton`]).

@@ -124,7 +124,6 @@ fn linear(rows: usize, inputs: usize, outputs: usize, dtype: DType) {
         let mut y = vec![0.0; rows * count];
         layer.part(first, count).forward(input, &mut y, &mut acc);
         assert!(worst(&y, &want(first, first + count)) < error);
-        assert_eq!(layer.part(1, outputs).outputs(), 0, "a part out of range has no outputs");
         let most = want(0, outputs).iter().fold(0.0f64, |m, v| m.max(v.abs()));
         assert!(f64::from(layer.bound(1.0)) >= most);
         assert!(f64::from(layer.bound(1.0)) < 2.0 * inputs as f64 + 1.0);

@@ -163,6 +163,16 @@ pub fn lengths(tiny: &Tiny, pooled: &[f64]) -> Vec<f64> {
     softmax(&linear(&tiny.prior.as_ref().expect("a prior").length, pooled))
 }
 
+/// Probability of every phrase.
+///
+/// # Panics
+/// When the model has no phrases.
+#[must_use]
+pub fn meanings(tiny: &Tiny, pooled: &[f64]) -> Vec<f64> {
+    let layer = tiny.prior.as_ref().and_then(|prior| prior.meaning.as_ref()).expect("phrases");
+    linear(layer, pooled).into_iter().map(|x| 1.0 / (1.0 + (-x).exp())).collect()
+}
+
 /// What the planner sees beside the text.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
@@ -176,6 +186,8 @@ pub struct Scene {
     pub start_open: bool,
     /// The motion goes on behind its end.
     pub end_open: bool,
+    /// How strongly it is guided; of account when the model is told it.
+    pub strength: f64,
     /// What conditions it, in order of frames and without duplicates; of account when the model has anchor control.
     pub anchors: Vec<Anchor>,
 }
@@ -240,6 +252,14 @@ pub fn logits(tiny: &Tiny, scene: &Scene, memory: &Rows, pooled: &[f64]) -> Rows
     let global = linear(&prior.global, pooled);
     let number = 2 * usize::from(scene.start_open) + usize::from(scene.end_open);
     let mut x = vec![sum(&[&global, &time[((32.0 * scene.time) as usize).min(31)], &boundary[number]])];
+    if let Some(table) = &prior.guidance {
+        let strength = scene.strength.min(4.0);
+        let below = (strength.floor() as usize).min(3);
+        let share = strength - below as f64;
+        for (c, x) in x[0].iter_mut().enumerate() {
+            *x += table[below][c] * (1.0 - share) + table[below + 1][c] * share;
+        }
+    }
     let nothing = vec![0.0; d];
     for (i, &token) in scene.tokens.iter().enumerate() {
         let token = &prior.token.weights[usize::from(token) * d..(usize::from(token) + 1) * d];

@@ -5,7 +5,7 @@ use motionette::blob::{
     Manifest, Norm, Padding, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TensorEntry, TextConfig,
     TextEncoderConfig, TextLength, TextTable, TransformerConfig,
 };
-use motionette::numerics::hash::Stream;
+use motionette::numerics::hash::{Stream, fnv32};
 
 /// Shape of a small model.
 #[derive(Debug, Clone)]
@@ -39,6 +39,14 @@ pub struct Shape {
 pub struct PriorShape {
     /// Words in id order; the first two are reserved. Empty: no text encoder.
     pub words: Vec<&'static str>,
+    /// Numbers of a word's vector, a multiple of 16; 0: every word has an embedding. Words with vectors take the order of their hashes.
+    pub vectors: u16,
+    /// Phrases that a prompt may mean.
+    pub phrases: Vec<&'static str>,
+    /// How many of them are actions.
+    pub actions: u16,
+    /// Whether guidance takes one pass.
+    pub one_pass: bool,
     /// Names of stored prompts and the rows of their memory.
     pub bank: Vec<(&'static str, u16)>,
     /// Longest prompt.
@@ -59,6 +67,9 @@ pub struct PriorShape {
     pub a: f32,
 }
 
+/// Probability from which a prompt counts as understood.
+pub const THRESHOLD: f32 = 0.75;
+
 impl Default for PriorShape {
     fn default() -> Self {
         let text = TransformerConfig {
@@ -72,6 +83,10 @@ impl Default for PriorShape {
         };
         PriorShape {
             words: vec!["<none>", "<unknown>", "a", "person", "waves", "run", "left", "hand"],
+            vectors: 0,
+            phrases: vec![],
+            actions: 0,
+            one_pass: false,
             bank: vec![("wave", 3), ("stand still", 1)],
             max_words: 7,
             text,
@@ -136,6 +151,19 @@ impl PriorShape {
         let text = TransformerConfig { width: 16, heads: 2, ..prior.text };
         let planner = TransformerConfig { width: 32, heads: 4, hidden: 22, ..prior.planner };
         PriorShape { text, planner, packed: true, ..prior }
+    }
+
+    /// The default with all that came with version 4.1: words with vectors, phrases, guidance in one pass.
+    #[must_use]
+    pub fn understanding() -> Self {
+        let phrases = vec!["a person waves", "a person runs", "a person stands", "a person hops", "angrily", "sadly"];
+        PriorShape { vectors: 32, phrases, actions: 4, one_pass: true, ..PriorShape::default() }.hashed()
+    }
+
+    /// Words with vectors in the order of their hashes.
+    fn hashed(mut self) -> Self {
+        self.words.split_at_mut(2).1.sort_by_key(|word| fnv32(word.as_bytes()));
+        self
     }
 
     /// The default with anchor control of all families.
@@ -213,6 +241,10 @@ pub struct Prior {
     pub encoder: Option<(Table, Table, Vec<Block>, NormWeights)>,
     /// Length head.
     pub length: Layer,
+    /// Pooled vector to a logit a phrase.
+    pub meaning: Option<Layer>,
+    /// Rows of the strength of guidance.
+    pub guidance: Option<Table>,
     /// Stored prompts, `[rows + 1][dt]`.
     pub bank: Vec<Table>,
     /// Pooled vector to row 0.
@@ -377,6 +409,31 @@ impl Writer {
         rows.map(|(row, s)| row.iter().map(|&v| f64::from(v) * f64::from(*s)).collect()).collect()
     }
 
+    /// Hashes, 4-bit vectors, their scales, two rows of their own, and the layer that makes rows; the rows of all words.
+    fn vectors(&mut self, words: &[&str], dims: u16, width: u16) -> Table {
+        let known = &words[2..];
+        let (rows, columns) = (known.len() as u16, usize::from(dims));
+        let hashes = known.iter().flat_map(|word| fnv32(word.as_bytes()).to_le_bytes());
+        self.tensor("hashes", DType::U32, [1, 1, rows], hashes);
+        let numbers: Vec<i8> = (0..known.len() * columns).map(|_| self.random.below(15) as i8 - 7).collect();
+        let half = |v: i8| (v + 8) as u8;
+        let pack = |g: &[i8]| (0..8).map(|i| half(g[i]) | half(g[8 + i]) << 4).collect::<Vec<_>>();
+        self.tensor("vectors", DType::I4, [1, rows, dims], numbers.chunks(16).flat_map(pack));
+        let scales: Vec<u16> = known.iter().map(|_| half_bits(0.1 + 0.2 * self.random.unit())).collect();
+        self.tensor("scales", DType::F16, [1, 1, rows], scales.iter().flat_map(|v| v.to_le_bytes()));
+        let mut table = self.table("special", 2, width);
+        let layer = self.linear("projection", width, dims);
+        for (row, scale) in numbers.chunks(columns).zip(scales) {
+            let row: Vec<f64> = row.iter().map(|v| f64::from(*v) * half_value(scale)).collect();
+            let output = |n: usize| {
+                let weights = &layer.weights[n * columns..(n + 1) * columns];
+                weights.iter().zip(&row).map(|(w, x)| w * x).sum::<f64>() + layer.biases[n]
+            };
+            table.push((0..usize::from(width)).map(output).collect());
+        }
+        table
+    }
+
     fn norm(&mut self, name: &str, width: u16) -> NormWeights {
         let weight: Vec<f32> = (0..width).map(|_| 1.0 + 0.3 * self.signed()).collect();
         let bias: Vec<f32> = (0..width).map(|_| 0.2 * self.signed()).collect();
@@ -405,12 +462,17 @@ impl Writer {
     fn prior(&mut self, shape: &Shape, prior: &PriorShape) -> Prior {
         let dt = prior.text.width;
         let encoder = (!prior.words.is_empty()).then(|| {
-            let embedding = self.table("words", prior.words.len() as u16, dt);
+            let embedding = match prior.vectors {
+                0 => self.table("words", prior.words.len() as u16, dt),
+                dims => self.vectors(&prior.words, dims, dt),
+            };
             let position = self.table("places", prior.max_words, dt);
             let blocks = (0..prior.text.layers).map(|_| self.block(&prior.text, None)).collect();
             (embedding, position, blocks, self.norm("n", dt))
         });
         let length = self.linear("length", shape.max_tokens, dt);
+        let phrases = prior.phrases.len() as u16;
+        let meaning = (phrases > 0).then(|| self.linear("meaning", phrases, dt));
         let bank = prior.bank.iter().map(|(name, rows)| {
             let bits: Vec<u16> =
                 (0..usize::from(rows + 1) * usize::from(dt)).map(|_| half_bits(2.0 * self.signed())).collect();
@@ -423,7 +485,18 @@ impl Writer {
             let none = Layer { taps: 1, dilation: 1, right: 0, outputs: 0, inputs: 0, weights: vec![], biases: vec![] };
             let tables = [vec![], vec![], vec![], vec![], vec![]];
             let norm = (vec![], vec![]);
-            return Prior { encoder, length, bank, global: none.clone(), tables, blocks: vec![], norm, token: none };
+            return Prior {
+                encoder,
+                length,
+                meaning,
+                guidance: None,
+                bank,
+                global: none.clone(),
+                tables,
+                blocks: vec![],
+                norm,
+                token: none,
+            };
         }
         let d = prior.planner.width;
         let global = self.linear("global", d, dt);
@@ -434,11 +507,12 @@ impl Writer {
             self.table("end", shape.max_tokens, d),
             self.table("fixed", 1, d),
         ];
+        let guidance = prior.one_pass.then(|| self.table("guidance", 5, d));
         self.packed = prior.packed;
         let blocks = (0..prior.planner.layers).map(|_| self.block(&prior.planner, Some(dt))).collect();
         self.packed = false;
         let (norm, token) = (self.norm("n", d), self.linear("token", shape.codes, d));
-        Prior { encoder, length, bank, global, tables, blocks, norm, token }
+        Prior { encoder, length, meaning, guidance, bank, global, tables, blocks, norm, token }
     }
 }
 
@@ -513,25 +587,34 @@ impl Tiny {
         let prior = shape.prior.as_ref().map(|prior| writer.prior(&shape, prior));
         let config = shape.prior.as_ref().and_then(|prior| Some((prior.planner, prior.control?)));
         let control = config.map(|(planner, control)| writer.control(&shape, &planner, &control));
-        let (mut vocabulary, mut bank) = (String::new(), String::new());
+        let (mut vocabulary, mut bank, mut phrases) = (String::new(), String::new(), String::new());
         if let Some(prior) = &shape.prior {
+            phrases = prior.phrases.join("\n");
             vocabulary = prior.words.join("\n");
             bank = prior.bank.iter().map(|(name, _)| *name).collect::<Vec<_>>().join("\n");
         }
         let text = shape.prior.as_ref().map(|prior| TextConfig {
             width: prior.text.width,
             max_words: prior.max_words,
-            encoder: (!prior.words.is_empty())
-                .then_some(TextEncoderConfig { table: TextTable::Words(&vocabulary), transformer: prior.text }),
+            encoder: (!prior.words.is_empty()).then_some(TextEncoderConfig {
+                table: match prior.vectors {
+                    0 => TextTable::Words(&vocabulary),
+                    dims => TextTable::Vectors { words: prior.words.len() as u16 - 2, dims },
+                },
+                transformer: prior.text,
+            }),
             length: TextLength::Head,
-            bank: PhraseBank::Prompts(&bank),
+            bank: match prior.actions {
+                0 => PhraseBank::Prompts(&bank),
+                actions => PhraseBank::Meanings { prompts: &bank, phrases: &phrases, actions, threshold: THRESHOLD },
+            },
         });
         let planner = shape.prior.as_ref().filter(|prior| prior.planned).map(|prior| PlannerConfig {
             max_tokens: shape.max_tokens,
             transformer: prior.planner,
             c: prior.c,
             a: prior.a,
-            guidance: Guidance::TwoPass,
+            guidance: if prior.one_pass { Guidance::OnePass } else { Guidance::TwoPass },
             control: config.map(|(_, control)| control),
         });
         let skeleton = skeleton();

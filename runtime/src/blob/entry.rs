@@ -20,11 +20,13 @@ pub enum DType {
     F32,
     /// 4 bits, symmetric, two a byte ([`crate::kernels`]): weights of linear layers.
     I4,
+    /// Whole numbers of 32 bits without a sign: hashes.
+    U32,
 }
 
 impl DType {
     /// Number formats there are.
-    pub(super) const COUNT: u8 = 5;
+    pub(super) const COUNT: u8 = 6;
 
     /// Bits of one element.
     #[must_use]
@@ -33,7 +35,7 @@ impl DType {
             DType::I4 => 4,
             DType::I8 => 8,
             DType::I16Planes | DType::F16 => 16,
-            DType::F32 => 32,
+            DType::F32 | DType::U32 => 32,
         }
     }
 }

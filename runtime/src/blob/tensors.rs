@@ -159,6 +159,36 @@ impl<'a> Tensor<'a> {
         Ok(values)
     }
 
+    /// Bit patterns of `length` halves that are positive and finite: scales.
+    ///
+    /// # Errors
+    /// [`Error::TensorShape`] or [`Error::TensorValue`].
+    pub fn half_scales(&self, length: u16) -> Result<&'a [u16], Error> {
+        let values = self.f16s(1, length)?;
+        // Bit patterns of negative numbers have the highest bit.
+        self.refuse(values, |v| v == 0 || v & 0x8000 != 0)?;
+        Ok(values)
+    }
+
+    /// `length` hashes, rising.
+    ///
+    /// # Errors
+    /// [`Error::TensorShape`], or [`Error::TensorValue`] of one that is not above the one before it.
+    pub fn hashes(&self, length: u16) -> Result<&'a [u32], Error> {
+        self.shaped(DType::U32, [1, 1, length])?;
+        let values = self.cast::<u32>()?;
+        if self.trusted {
+            return Ok(values);
+        }
+        match values.iter().zip(values.iter().skip(1)).position(|(a, b)| a >= b) {
+            None => Ok(values),
+            Some(place) => Err(Error::TensorValue {
+                index: self.index,
+                element: u32::try_from(place).unwrap_or(u32::MAX).saturating_add(1),
+            }),
+        }
+    }
+
     /// int8 weights in -127..=127.
     ///
     /// # Errors

@@ -22,6 +22,7 @@ use crate::generation::tokens::session::Modules;
 use crate::generation::tokens::{AnchorControl, Planner};
 use crate::representation::humanml3d::Recovery;
 use crate::text::Text;
+use crate::text::meaning::{Guess, Understood};
 use crate::text::words::{UNKNOWN, Word};
 pub use families::{CargoFeature, cargo_features};
 
@@ -245,12 +246,60 @@ impl<'a> Model<'a> {
         Some(vocabulary.id(word) != UNKNOWN)
     }
 
+    /// The phrase of that number, of those that prompts are understood as ([`Motion::understood`](crate::Motion::understood)).
+    #[must_use]
+    pub fn phrase(&self, number: u16) -> Option<&'a str> {
+        self.text()?.meanings()?.phrase(number)
+    }
+
+    /// What a prompt was understood as, in words.
+    #[must_use]
+    pub const fn in_words(&self, understood: Understood) -> InWords<'_> {
+        InWords { model: self, understood }
+    }
+
     /// What a planning session works with; `None` when the blob cannot make tokens.
     #[doc(hidden)]
     #[must_use]
     pub fn planning(&self) -> Option<Modules<'_, 'a>> {
         let (text, planner) = (self.text()?, self.planner()?);
         Some(Modules { text, planner, control: self.control(), codebooks: &self.codebooks })
+    }
+}
+
+/// What a prompt was understood as, in words ([`Model::in_words`]): `a person waves the right hand, angrily (0.86)`, or, where nothing is
+/// sure, the nearest actions: `hardly anything; nearest: a person waves (0.21), a person claps (0.08), a person bows (0.02)`.
+#[derive(Debug)]
+pub struct InWords<'m> {
+    model: &'m Model<'m>,
+    understood: Understood,
+}
+
+impl core::fmt::Display for InWords<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Understood { actions, style, sure } = self.understood;
+        let phrase = |guess: Guess| self.model.phrase(guess.phrase).unwrap_or("?");
+        // In whole numbers: formatting floats takes more flash than all of this.
+        let hundredths = |guess: Guess| (100.0 * guess.score + 0.5) as u16;
+        let score = |f: &mut core::fmt::Formatter<'_>, guess: Guess| {
+            let hundredths = hundredths(guess);
+            write!(f, " ({}.{:02})", hundredths / 100, hundredths % 100)
+        };
+        if sure {
+            let action = self.understood.action();
+            f.write_str(phrase(action))?;
+            if let Some(style) = style {
+                write!(f, ", {}", phrase(style))?;
+            }
+            return score(f, action);
+        }
+        let mut separator = "hardly anything; nearest: ";
+        for guess in actions {
+            write!(f, "{separator}{}", phrase(guess))?;
+            score(f, guess)?;
+            separator = ", ";
+        }
+        Ok(())
     }
 }
 

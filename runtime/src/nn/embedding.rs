@@ -32,8 +32,14 @@ impl<'a> Embedding<'a> {
 
     /// Adds row `row` to `x [width]`; a row that is not there adds nothing.
     pub fn add(&self, row: usize, x: &mut [f32]) {
+        add_row(self.row(row), x);
+    }
+
+    /// Weights of row `row` and their scale; nothing where there is no such row.
+    #[must_use]
+    pub fn row(&self, row: usize) -> (&'a [i8], f32) {
         let weights = self.weights.get(row * self.width..(row + 1) * self.width).unwrap_or(&[]);
-        add_row((weights, self.scales.get(row).copied().unwrap_or(0.0)), x);
+        (weights, self.scales.get(row).copied().unwrap_or(0.0))
     }
 
     /// Largest magnitude in the table.

@@ -110,6 +110,12 @@ impl<'a> Linear<'a> {
         (bytemuck::cast_slice(self.rows(n, 1)), self.scales.get(n).copied().unwrap_or(0.0))
     }
 
+    /// Bias of output `n`.
+    #[must_use]
+    pub fn bias(&self, n: usize) -> f32 {
+        self.biases.get(n).copied().unwrap_or(0.0)
+    }
+
     /// A bound of `|y|` when `|x| <= input` (row norms of the weights).
     #[must_use]
     #[inline(never)]

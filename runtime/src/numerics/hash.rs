@@ -34,6 +34,12 @@ impl Fnv {
     }
 }
 
+/// FNV-1a, 32 bits: how words are looked up.
+#[must_use]
+pub fn fnv32(bytes: &[u8]) -> u32 {
+    bytes.iter().fold(0x811C_9DC5, |hash, byte| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193))
+}
+
 /// Hash over every bit of a motion: its embeddings `u [L][du]`, then its joints `[T][22][3]`.
 #[must_use]
 pub fn motion(u: &[f32], joints: &[f32]) -> u64 {

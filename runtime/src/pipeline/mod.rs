@@ -32,6 +32,7 @@ use crate::representation::{Features, Recover};
 use crate::request::conditions::AnchorSet;
 use crate::request::prompt::PromptStats;
 use crate::request::{Request, Source};
+use crate::text::meaning::Understood;
 use buffers::{Decoding, rotation_columns};
 use decode_map::DecoderMap;
 use environment::floating_point_is_default;
@@ -115,6 +116,12 @@ impl<'a> Motion<'a> {
     #[must_use]
     pub const fn unknown_words(&self) -> u16 {
         self.heard.unknown_words
+    }
+
+    /// What the prompt was understood as; `None` without a prompt, or of a model that was not taught it.
+    #[must_use]
+    pub const fn understood(&self) -> Option<Understood> {
+        self.heard.understood
     }
 
     /// Distinct anchors of the request that the planner did not see: those of families it was not trained for, or all of them,

@@ -23,7 +23,7 @@ use heapless::Vec;
 pub type Frame = [[f32; 3]; JOINTS];
 
 /// What a call of [`MotionStream::plan`] added.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
     /// Tokens.
     pub tokens: usize,

@@ -1,6 +1,7 @@
 //! What the motion is to be, in words, and why a prompt is refused.
 
 use crate::text::Text;
+use crate::text::meaning::Understood;
 use crate::text::words::{MAX_PROMPT, UNKNOWN, Words};
 
 /// What the motion is to be.
@@ -13,13 +14,15 @@ pub enum Prompt<'r> {
 }
 
 /// What was understood of a prompt.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PromptStats {
     /// Words of a free text; of a stored prompt rows of its memory.
     pub words: u16,
     /// Words of a free text that the model does not know.
     pub unknown_words: u16,
+    /// What the prompt was understood as, where the model was taught it.
+    pub understood: Option<Understood>,
 }
 
 /// Why a prompt was refused.

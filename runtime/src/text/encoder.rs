@@ -1,11 +1,10 @@
 //! Words to a memory, one row a word, and a pooled vector.
 //!
-//! `x_i = embedding[w_i] + position[i]`, blocks with self-attention, `memory = LN(x)`, `pooled = mean over i`.
+//! `x_i = row of w_i + position[i]`, blocks with self-attention, `memory = LN(x)`, `pooled = mean over i`.
 
-use super::words::Vocabulary;
-use crate::blob::{Error, Tensors, TextEncoderConfig, TextTable};
+use super::table::{WordIds, WordTable};
+use crate::blob::{Error, Tensors, TextEncoderConfig};
 use crate::nn::block::{Sizes, Stack, StackScratch};
-use crate::nn::embedding::Embedding;
 use crate::nn::encoder::Encoder;
 use crate::stop::{Check, Stop};
 use core::ops::ControlFlow;
@@ -13,8 +12,7 @@ use core::ops::ControlFlow;
 /// The encoder in flash.
 #[derive(Debug, Clone, Copy)]
 pub struct TextEncoder<'a> {
-    vocabulary: Vocabulary<'a>,
-    embedding: Embedding<'a>,
+    table: WordTable<'a>,
     encoder: Encoder<'a>,
 }
 
@@ -24,18 +22,16 @@ impl<'a> TextEncoder<'a> {
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(tensors: &mut Tensors<'a>, config: &TextEncoderConfig<'a>, max_words: u16) -> Result<Self, Error> {
-        let TextEncoderConfig { table: TextTable::Words(words), transformer } = *config;
-        let vocabulary = Vocabulary::new(words);
-        let words = u16::try_from(vocabulary.len()).map_err(|_| Error::Manifest)?;
-        let embedding = Embedding::open(tensors, words, transformer.width)?;
-        let encoder = Encoder::open(tensors, max_words, transformer, embedding.bound())?;
-        Ok(TextEncoder { vocabulary, embedding, encoder })
+        let TextEncoderConfig { table, transformer } = config;
+        let table = WordTable::open(tensors, table, transformer.width)?;
+        let encoder = Encoder::open(tensors, max_words, *transformer, table.bound())?;
+        Ok(TextEncoder { table, encoder })
     }
 
     /// The words it knows.
     #[must_use]
-    pub const fn vocabulary(&self) -> &Vocabulary<'a> {
-        &self.vocabulary
+    pub const fn vocabulary(&self) -> &WordIds<'a> {
+        self.table.ids()
     }
 
     /// A bound of memory and pooled vector.
@@ -73,9 +69,8 @@ impl<'a> TextEncoder<'a> {
         scratch: &mut StackScratch<'_, '_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
-        memory.fill(0.0);
         for (word, row) in words.iter().zip(memory.chunks_exact_mut(pooled.len().max(1))) {
-            self.embedding.add(usize::from(*word), row);
+            self.table.read(*word, row);
         }
         self.encoder.forward(memory, pooled, scratch, check)
     }

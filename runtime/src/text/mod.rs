@@ -4,14 +4,17 @@
 
 pub mod bank;
 pub mod encoder;
+pub mod meaning;
+pub mod table;
 pub mod words;
 
-use crate::blob::{Error, MAX_VOCABULARY, Tensors, TextConfig, TextTable};
+use crate::blob::{Error, Tensors, TextConfig};
 use crate::nn::block::below;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
 use bank::Bank;
 use encoder::TextEncoder;
+use meaning::Meanings;
 
 /// Everything a blob knows of text.
 #[derive(Debug, Clone, Copy)]
@@ -20,6 +23,7 @@ pub struct Text<'a> {
     max_words: usize,
     encoder: Option<TextEncoder<'a>>,
     length: Linear<'a>,
+    meanings: Option<Meanings<'a>>,
     bank: Bank<'a>,
 }
 
@@ -31,19 +35,6 @@ impl<'a> Text<'a> {
     pub fn open(tensors: &mut Tensors<'a>, config: &TextConfig<'a>, max_tokens: u16) -> Result<Self, Error> {
         let encoder = match &config.encoder {
             Some(encoder) if cfg!(feature = "text") => {
-                let TextTable::Words(words) = encoder.table;
-                let vocabulary = words::Vocabulary::new(words);
-                let found = u32::try_from(vocabulary.len()).unwrap_or(u32::MAX);
-                let limit = MAX_VOCABULARY as u32;
-                let mut entries = vocabulary.entries();
-                let first = [b"<none>".as_slice(), b"<unknown>"];
-                if !first.into_iter().all(|word| entries.next() == Some(word)) {
-                    let what = "text.encoder.table without <none> and <unknown>";
-                    return Err(Error::Config { what, found, limit });
-                }
-                if found > limit {
-                    return Err(Error::Config { what: "text.encoder.table", found, limit });
-                }
                 if encoder.transformer.width != config.width {
                     let (found, limit) = (u32::from(encoder.transformer.width), u32::from(config.width));
                     return Err(Error::Config { what: "text.encoder.width", found, limit });
@@ -54,14 +45,24 @@ impl<'a> Text<'a> {
         };
         let index = tensors.index();
         let length = Linear::open(tensors, config.width, max_tokens)?;
+        let meanings = Meanings::open(tensors, &config.bank, config.width)?;
         let bank = Bank::open(tensors, config.bank.names(), config.width, config.max_words)?;
         // Guidance needs the prompt that says nothing, from one of the two.
         if encoder.is_none() && bank.get(bank::UNCONDITIONAL).is_none() {
             return Err(Error::Config { what: "text.bank without <none>", found: bank.len() as u32, limit: 0 });
         }
-        let text =
-            Text { width: usize::from(config.width), max_words: usize::from(config.max_words), encoder, length, bank };
+        let text = Text {
+            width: usize::from(config.width),
+            max_words: usize::from(config.max_words),
+            encoder,
+            length,
+            meanings,
+            bank,
+        };
         below(text.length.bound(text.bound()), MAX_INPUT, index)?;
+        if let Some(meanings) = &text.meanings {
+            below(meanings.head().bound(text.bound()), MAX_INPUT, index)?;
+        }
         Ok(text)
     }
 
@@ -93,6 +94,12 @@ impl<'a> Text<'a> {
     #[must_use]
     pub const fn length(&self) -> &Linear<'a> {
         &self.length
+    }
+
+    /// What prompts may be understood as, where the model was taught it.
+    #[must_use]
+    pub const fn meanings(&self) -> Option<&Meanings<'a>> {
+        self.meanings.as_ref()
     }
 
     /// A bound of memory and pooled vectors.

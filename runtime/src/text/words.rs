@@ -1,7 +1,7 @@
 //! Prompts to words, words to ids.
 //!
 //! A word is a maximal run of alphanumeric characters (Unicode's) and apostrophes (`'`), ASCII letters in lower case.
-//! [`Vocabulary::id`] says how a word that the vocabulary does not hold may still be one of its words in another form.
+//! [`Word::forms`] says how a word that a table does not hold may still be one of its words in another form.
 
 /// Longest word that can be known, bytes.
 pub const MAX_WORD: usize = 32;
@@ -48,6 +48,35 @@ impl Word {
                 _ => self.whole = false,
             }
         }
+    }
+
+    /// What `find` says of the word or, where it knows none, of the first other form that it knows.
+    ///
+    /// Other forms, in this order: the ending `'s`, `s`, `es` taken off; `ies` to `y`; `ing` taken off, to `e`, to `s`;
+    /// `ed` the same; `s`, `es`, `ing` added; `ing` behind a doubled consonant taken off with one of the two (`running`
+    /// to `run`), and that with `s`.
+    #[must_use]
+    pub fn forms<T>(&self, find: impl Fn(&[u8]) -> Option<T>) -> Option<T> {
+        if !self.whole {
+            return None;
+        }
+        if let Some(found) = find(self.bytes()) {
+            return Some(found);
+        }
+        let forms = ENDINGS.iter().filter(|(old, _)| self.bytes().ends_with(old));
+        for form in forms.map(|(old, new)| self.with(old.len(), new)) {
+            if let Some(found) = find(form.bytes()) {
+                return Some(found);
+            }
+        }
+        if let [.., a, b, b'i', b'n', b'g'] = self.bytes()
+            && a == b
+            && a.is_ascii_lowercase()
+            && !matches!(a, b'a' | b'e' | b'i' | b'o' | b'u')
+        {
+            return [b"".as_slice(), b"s"].into_iter().find_map(|ending| find(self.with(4, ending).bytes()));
+        }
+        None
     }
 
     /// The word without the last `less` bytes and with `ending` behind.
@@ -147,52 +176,24 @@ impl<'a> Vocabulary<'a> {
         }
         self.entries().position(|e| e == entry).and_then(|at| u16::try_from(at).ok())
     }
-
-    /// Id of a word: its own, or that of its first other form that is there, or [`UNKNOWN`].
-    ///
-    /// Other forms, in this order: the ending `'s`, `s`, `es` taken off; `ies` to `y`; `ing` taken off, to `e`, to `s`;
-    /// `ed` the same; `s`, `es`, `ing` added; `ing` behind a doubled consonant taken off with one of the two (`running`
-    /// to `run`), and that with `s`.
-    #[must_use]
-    pub fn id(&self, word: &Word) -> u16 {
-        if !word.whole {
-            return UNKNOWN;
-        }
-        if let Some(id) = self.position(word.bytes()) {
-            return id;
-        }
-        let forms = ENDINGS.iter().filter(|(old, _)| word.bytes().ends_with(old));
-        for form in forms.map(|(old, new)| word.with(old.len(), new)) {
-            if let Some(id) = self.position(form.bytes()) {
-                return id;
-            }
-        }
-        if let [.., a, b, b'i', b'n', b'g'] = word.bytes()
-            && a == b
-            && a.is_ascii_lowercase()
-            && !matches!(a, b'a' | b'e' | b'i' | b'o' | b'u')
-        {
-            for ending in [b"".as_slice(), b"s"] {
-                if let Some(id) = self.position(word.with(4, ending).bytes()) {
-                    return id;
-                }
-            }
-        }
-        UNKNOWN
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::table::WordIds;
     use super::*;
     use std::string::String;
     use std::vec::Vec;
 
     const WORDS: &str = "<none>\n<unknown>\na\nperson\nwaves\nwalk\ndance\nrun\nhurry\njumps\nleft\nnaïve\ncarry\ngo\nskip\nskips\npush\n2";
 
+    fn ids_of(words: &str, prompt: &str) -> Vec<u16> {
+        let ids = WordIds::Listed(Vocabulary::new(words));
+        Words::new(prompt).map(|word| ids.id(&word)).collect()
+    }
+
     fn ids(prompt: &str) -> Vec<u16> {
-        let vocabulary = Vocabulary::new(WORDS);
-        Words::new(prompt).map(|word| vocabulary.id(&word)).collect()
+        ids_of(WORDS, prompt)
     }
 
     fn id(word: &str) -> u16 {
@@ -251,8 +252,8 @@ mod tests {
         assert_eq!(ids(&std::format!("{long} person")), [UNKNOWN, id("person")]);
         let vocabulary = "x".repeat(MAX_WORD);
         let word = |n: usize| Words::new(&"x".repeat(n)).next().unwrap();
-        assert_eq!(Vocabulary::new(&vocabulary).id(&word(MAX_WORD)), 0);
-        assert_eq!(Vocabulary::new(&vocabulary).id(&word(MAX_WORD + 1)), UNKNOWN);
+        let ids = WordIds::Listed(Vocabulary::new(&vocabulary));
+        assert_eq!((ids.id(&word(MAX_WORD)), ids.id(&word(MAX_WORD + 1))), (0, UNKNOWN));
         // Cut inside a character.
         let umlauts = "ü".repeat(17);
         assert_eq!(Words::new(&umlauts).count(), 1);
@@ -262,7 +263,7 @@ mod tests {
     #[test]
     fn empty_entries_and_empty_vocabularies_match_nothing() {
         assert_eq!(Vocabulary::new("").len(), 0);
-        assert_eq!(Vocabulary::new("").id(&Words::new("s").next().unwrap()), UNKNOWN);
+        assert_eq!(ids_of("", "s"), [UNKNOWN]);
         assert_eq!(Vocabulary::new("a\n\nb").position(b""), None);
         assert_eq!(Vocabulary::new("a\n\nb").len(), 3);
     }

@@ -39,6 +39,8 @@ pub struct PlannerConfig {
 pub enum Guidance {
     /// Two passes, with and without what is asked for: `none + g (conditioned - none)`.
     TwoPass,
+    /// One pass, to which the strength is told.
+    OnePass,
 }
 
 /// How anchors reach the planner: scaffold encoder, AnchorKV, dual context (EQUATIONS section 3).
@@ -107,8 +109,10 @@ impl PlannerConfig {
 
 impl Guidance {
     fn read(from: &mut Reader<'_>) -> Self {
-        from.kind("generator.guidance", 1);
-        Guidance::TwoPass
+        match from.kind("generator.guidance", 2) {
+            0 => Guidance::TwoPass,
+            _ => Guidance::OnePass,
+        }
     }
 }
 

@@ -38,6 +38,14 @@ pub struct TextEncoderConfig<'a> {
 pub enum TextTable<'a> {
     /// Words in id order, `\n` between; 0 is `<none>`, 1 is `<unknown>`. An embedding each.
     Words(&'a str),
+    /// Vectors of words that were made elsewhere, found by the words' hashes. A linear layer makes rows of them; `<none>` and `<unknown>`
+    /// have rows of their own.
+    Vectors {
+        /// Words with a vector.
+        words: u16,
+        /// Numbers of a vector.
+        dims: u16,
+    },
 }
 
 /// What says how long a motion is.
@@ -48,11 +56,21 @@ pub enum TextLength {
 }
 
 /// Texts that the blob brings along.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub enum PhraseBank<'a> {
-    /// Prompts encoded beforehand, by name: names, `\n` between; empty for none. Kinds to come add each phrase's text and the score from
-    /// which a request counts as it.
+    /// Prompts encoded beforehand, by name: names, `\n` between; empty for none.
     Prompts(&'a str),
+    /// The same, and phrases that a text may mean.
+    Meanings {
+        /// Names of the stored prompts, as above.
+        prompts: &'a str,
+        /// Phrases, `\n` between, those of actions before those of styles.
+        phrases: &'a str,
+        /// Phrases of actions.
+        actions: u16,
+        /// Probability of the likeliest action from which a text counts as understood.
+        threshold: f32,
+    },
 }
 
 impl<'a> TextConfig<'a> {
@@ -81,8 +99,10 @@ impl<'a> TextEncoderConfig<'a> {
 
 impl<'a> TextTable<'a> {
     fn read(from: &mut Reader<'a>) -> Self {
-        from.kind("text.encoder.table", 1);
-        TextTable::Words(from.text())
+        match from.kind("text.encoder.table", 2) {
+            0 => TextTable::Words(from.text()),
+            _ => TextTable::Vectors { words: from.short(), dims: from.short() },
+        }
     }
 }
 
@@ -95,14 +115,22 @@ impl TextLength {
 
 impl<'a> PhraseBank<'a> {
     fn read(from: &mut Reader<'a>) -> Self {
-        from.kind("text.bank", 1);
-        PhraseBank::Prompts(from.text())
+        match from.kind("text.bank", 2) {
+            0 => PhraseBank::Prompts(from.text()),
+            _ => PhraseBank::Meanings {
+                prompts: from.text(),
+                phrases: from.text(),
+                actions: from.short(),
+                threshold: from.single(),
+            },
+        }
     }
 
     /// Names of the stored prompts, `\n` between; empty for none.
     #[must_use]
     pub const fn names(&self) -> &'a str {
-        let PhraseBank::Prompts(names) = *self;
-        names
+        match *self {
+            PhraseBank::Prompts(prompts) | PhraseBank::Meanings { prompts, .. } => prompts,
+        }
     }
 }

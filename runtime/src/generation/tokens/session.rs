@@ -17,6 +17,7 @@ use crate::request::prompt::{Prompt, PromptError, PromptStats};
 use crate::stop::{Check, Stop};
 use crate::text::Text;
 use crate::text::bank;
+use crate::text::meaning::{Meanings, Understood};
 use crate::text::words::UNCONDITIONAL;
 use core::ops::ControlFlow;
 
@@ -62,8 +63,10 @@ pub struct Modules<'m, 'b> {
 #[derive(Debug, Clone, Copy)]
 struct Lengths {
     words: usize,
-    /// Rows of the prompt that says nothing; 0 without guidance.
+    /// Rows of the prompt that says nothing; 0 unless guidance takes two passes.
     unconditional: usize,
+    /// Phrases that a prompt may mean.
+    phrases: usize,
     /// Rows of the anchors' keys and values, rows that anchors tell something; 0 without them.
     anchors: (usize, usize),
     tokens: usize,
@@ -168,16 +171,24 @@ impl<'m, 'b> Modules<'m, 'b> {
         Ok((Logits::new(self.planner, rows, arena)?, sampler.layout(arena, self.codebooks)?))
     }
 
+    /// Whether guidance takes a second pass.
+    fn two_passes(&self, limits: &PlanningLimits) -> bool {
+        limits.guided && !self.planner.one_pass()
+    }
+
     fn lengths(&self, tokens: usize, limits: &PlanningLimits, rows: usize) -> Lengths {
         let most = |a: usize, b: usize| if a > b { a } else { b };
-        let unconditional = if limits.guided { self.unconditional_rows() } else { 0 };
+        let guided = self.two_passes(limits);
+        let unconditional = if guided { self.unconditional_rows() } else { 0 };
+        let phrases = self.text.meanings().map_or(0, Meanings::len);
         let (words, memory) = (limits.words, most(limits.words, unconditional));
         let (d, dt) = (self.planner.width(), self.text.width());
         let own_rows = 1 + tokens;
         let control = self.control(limits);
         let anchors = control.map_or((0, 0), |control| (tokens, control.biased_rows(tokens)));
         let mut sizes = self.planner.sizes(tokens, anchors.0, memory);
-        sizes = sizes.with(Sizes { outputs: self.text.length().outputs(), inputs: dt, ..Sizes::default() });
+        let outputs = most(self.text.length().outputs(), phrases);
+        sizes = sizes.with(Sizes { outputs, inputs: dt, ..Sizes::default() });
         let (mut own, mut own_scales) = (own_rows * d, own_rows * self.planner.heads().count);
         if let Some(encoder) = self.text.encoder() {
             sizes = sizes.with(encoder.sizes(memory));
@@ -196,12 +207,13 @@ impl<'m, 'b> Modules<'m, 'b> {
         Lengths {
             words,
             unconditional,
+            phrases,
             anchors,
             tokens,
             x,
             own,
             own_scales,
-            guided: if limits.guided { tokens * d } else { 0 },
+            guided: if guided { tokens * d } else { 0 },
             work,
             sizes,
         }
@@ -219,13 +231,14 @@ impl<'m, 'b> Modules<'m, 'b> {
     /// Multiply-accumulates of a plan at most: text and anchors read, all passes, logits and distances of every position and step.
     #[must_use]
     pub fn macs(&self, tokens: usize, limits: &PlanningLimits) -> u64 {
-        let unconditional = if limits.guided { self.unconditional_rows() } else { 0 };
+        let unconditional = if self.two_passes(limits) { self.unconditional_rows() } else { 0 };
         let encode = |rows: usize| self.text.encoder().map_or(0, |encoder| encoder.macs(rows));
         let each = |rows: usize| {
             if rows == 0 { 0 } else { encode(rows) + self.planner.read_macs(rows) }
         };
         let (anchors, scaffold) = self.control(limits).map_or((0, 0), |control| (tokens, control.macs(tokens)));
-        let read = each(limits.words) + each(unconditional) + self.text.length().macs() + scaffold;
+        let meanings = self.text.meanings().map_or(0, |meanings| meanings.head().macs());
+        let read = each(limits.words) + each(unconditional) + self.text.length().macs() + meanings + scaffold;
         let guided = if unconditional == 0 { 0 } else { self.planner.pass_macs(tokens, 0, unconditional) };
         let passes = self.planner.pass_macs(tokens, anchors, limits.words) + guided;
         let position = self.planner.logits_macs() + self.planner.sampler().macs(self.codebooks);
@@ -254,6 +267,8 @@ pub struct Session<'m, 'b, 'w> {
     pooled: &'w mut [f32],
     /// `[max_tokens]`
     lengths: &'w mut [f32],
+    /// `[phrases]`
+    meanings: &'w mut [f32],
     /// Memory `[n][dt]` while text is read, the scaffold `[L][ds]` while anchors are, then rows `[1 + L][d]`.
     x: &'w mut [f32],
     /// `[L]`
@@ -281,13 +296,14 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let l = modules.lengths(tokens, limits, rows);
         let begin = arena.used();
         let text = Condition::new(modules.planner, arena, l.words, 1)?;
-        let unconditional = Condition::new(modules.planner, arena, l.unconditional, usize::from(limits.guided))?;
+        let unconditional = Condition::new(modules.planner, arena, l.unconditional, usize::from(l.guided > 0))?;
         let of_text = arena.used() - begin;
         let anchors = Condition::new(modules.planner, arena, l.anchors.0, l.anchors.1)?;
         let of_anchors = arena.used() - begin - of_text;
         let words = arena.take(l.words)?;
         let pooled = arena.take(modules.text.width())?;
         let lengths = arena.take(modules.text.length().outputs())?;
+        let meanings = arena.take(l.phrases)?;
         let x = arena.take(l.x)?;
         let proposal = arena.take(l.tokens)?;
         let bytes = PlanningBytes {
@@ -307,6 +323,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             words,
             pooled,
             lengths,
+            meanings,
             x,
             proposal,
             predicted,
@@ -328,26 +345,28 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let rows = self.modules.text.rows(prompt)?;
         let heard = match *prompt {
             Prompt::Text(text) => self.modules.text.ids(text, self.words)?,
-            Prompt::Bank(_) => PromptStats { words: u16::try_from(rows).unwrap_or(u16::MAX), unknown_words: 0 },
+            Prompt::Bank(_) => PromptStats { words: u16::try_from(rows).unwrap_or(u16::MAX), ..PromptStats::default() },
         };
         let reading = match *prompt {
             Prompt::Text(_) => Reading::Words(rows),
             Prompt::Bank(name) => Reading::Stored(name),
         };
         Ok(match self.read_both(reading, check) {
-            ControlFlow::Continue(()) => ControlFlow::Continue(heard),
+            ControlFlow::Continue(understood) => ControlFlow::Continue(PromptStats { understood, ..heard }),
             ControlFlow::Break(stop) => ControlFlow::Break(stop),
         })
     }
 
-    fn read_both(&mut self, reading: Reading<'_>, check: Check<'_>) -> ControlFlow<Stop> {
+    fn read_both(&mut self, reading: Reading<'_>, check: Check<'_>) -> ControlFlow<Stop, Option<Understood>> {
         self.encode(reading, false, check)?;
         let mut spare = self.spare.overlay();
-        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(None));
         pass.scratch.linear(self.modules.text.length(), self.pooled, self.lengths);
         self.predicted = length::median(self.lengths);
+        let meanings = self.modules.text.meanings();
+        let understood = meanings.map(|all| all.understand(self.pooled, self.meanings, &mut pass.scratch));
         if self.needed.guided == 0 {
-            return ControlFlow::Continue(());
+            return ControlFlow::Continue(understood);
         }
         let unconditional = match self.modules.text.encoder() {
             None => Reading::Stored(bank::UNCONDITIONAL),
@@ -358,7 +377,8 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
                 Reading::Words(1)
             }
         };
-        self.encode(unconditional, true, check)
+        self.encode(unconditional, true, check)?;
+        ControlFlow::Continue(understood)
     }
 
     fn encode(&mut self, reading: Reading<'_>, unconditional: bool, check: Check<'_>) -> ControlFlow<Stop> {
@@ -418,7 +438,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         planner.sampler().begin(planning, planner.codes(), random, tokens);
     }
 
-    /// One pass over `tokens` at time `time`, with guidance two: what [`Session::logits`] and [`Session::advance`] read.
+    /// One pass over `tokens` at time `time`, two where guidance takes a second one: what [`Session::logits`] and [`Session::advance`] read.
     /// No more tokens than the session was made for, each in the codebook.
     ///
     /// Breaks off when `check` says so; it is asked behind every block.

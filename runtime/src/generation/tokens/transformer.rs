@@ -1,7 +1,8 @@
 //! The planner: a bidirectional transformer that proposes clean tokens for noisy ones, given a text.
 //!
 //! Over rows `0..=L`, `L` the number of tokens `z`:
-//! row 0 = `global(pooled) + time[floor(32 t)] + boundary[2 start_open + end_open]`,
+//! row 0 = `global(pooled) + time[floor(32 t)] + boundary[2 start_open + end_open]`, and where guidance takes one pass
+//! `+ (1 - f) guidance[i] + f guidance[i + 1]`, `i + f` the strength of guidance, 0 to 4,
 //! row 1 + i = `token[z_i] + position[i] + end[L - 1 - i]` (the last only when the motion ends there) `+ fixed` (only where
 //! token i is given); blocks with self-attention over all rows and cross-attention to the text memory;
 //! `h = LN x`, `logits_i = token h_{1+i} + bias`, the token embeddings once more.
@@ -14,7 +15,7 @@ use super::condition::Condition;
 use super::request::MAX_GUIDANCE;
 use super::sampler::Sampler;
 use super::tmd::Tmd;
-use crate::blob::{Error, PlannerConfig, Tensors};
+use crate::blob::{Error, Guidance, PlannerConfig, Tensors};
 use crate::model::MAX_MAGNITUDE;
 use crate::nn::attention::Heads;
 use crate::nn::block::{BlockScratch, Sizes, Stack, StackScratch, below};
@@ -31,6 +32,9 @@ pub const TIMES: u16 = 32;
 /// Begin and end of a motion, each whole or open.
 const BOUNDARIES: u16 = 4;
 
+/// Rows of the strength of guidance, 0 to 4.
+pub const STRENGTHS: u16 = 5;
+
 /// The planner in flash.
 #[derive(Debug, Clone, Copy)]
 pub struct Planner<'a> {
@@ -43,6 +47,8 @@ pub struct Planner<'a> {
     position: Embedding<'a>,
     end: Embedding<'a>,
     fixed: Embedding<'a>,
+    /// Rows by the strength of guidance, where it takes one pass.
+    guidance: Option<Embedding<'a>>,
     stack: Stack<'a>,
     norm: LayerNorm<'a>,
     token: Linear<'a>,
@@ -65,7 +71,7 @@ impl<'a> Planner<'a> {
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(tensors: &mut Tensors<'a>, config: &PlannerConfig, text: &Text<'_>, codes: u16) -> Result<Self, Error> {
-        let PlannerConfig { transformer, max_tokens, c, a, .. } = *config;
+        let PlannerConfig { transformer, max_tokens, c, a, guidance, .. } = *config;
         let memory = u16::try_from(text.width()).map_err(|_| Error::Manifest)?;
         let width = transformer.width;
         let first = tensors.index();
@@ -73,6 +79,10 @@ impl<'a> Planner<'a> {
         let mut table = |rows| Embedding::open(tensors, rows, width);
         let (time, boundary) = (table(TIMES)?, table(BOUNDARIES)?);
         let (position, end, fixed) = (table(max_tokens)?, table(max_tokens)?, table(1)?);
+        let guidance = match guidance {
+            Guidance::TwoPass => None,
+            Guidance::OnePass => Some(table(STRENGTHS)?),
+        };
         let stack = Stack::open(tensors, transformer, Some(memory))?;
         let norm = LayerNorm::open(tensors, width, transformer.epsilon)?;
         let token_index = tensors.index();
@@ -92,6 +102,7 @@ impl<'a> Planner<'a> {
             position,
             end,
             fixed,
+            guidance,
             stack,
             norm,
             token,
@@ -105,9 +116,16 @@ impl<'a> Planner<'a> {
     /// [`Error::Unbounded`].
     pub fn check(&self, text: &Text<'_>, (share, values): (f32, f32)) -> Result<(), Error> {
         let tokens = self.position.bound() + self.end.bound() + self.fixed.bound() + self.token.largest();
-        let first = self.global.bound(text.bound()) + self.time.bound() + self.boundary.bound();
+        let guidance = self.guidance.map_or(0.0, |table| table.bound());
+        let first = self.global.bound(text.bound()) + self.time.bound() + self.boundary.bound() + guidance;
         let rows = below(larger(tokens, first) + share, MAX_INPUT, self.first)?;
         self.stack.bound(rows, text.bound(), values).map(|_| ())
+    }
+
+    /// Whether guidance takes one pass, to which its strength is told.
+    #[must_use]
+    pub const fn one_pass(&self) -> bool {
+        self.guidance.is_some()
     }
 
     /// How its logits become tokens.
@@ -213,6 +231,9 @@ impl<'a> Planner<'a> {
             let last = usize::from(TIMES) - 1;
             self.time.add(if number < last { number } else { last }, row);
             self.boundary.add(2 * usize::from(planning.start_open) + usize::from(planning.end_open), row);
+            if let Some(table) = &self.guidance {
+                add_strength(table, planning.guidance, row);
+            }
         }
         for (i, (token, row)) in tokens.iter().zip(rows).enumerate() {
             row.fill(0.0);
@@ -244,5 +265,18 @@ impl<'a> Planner<'a> {
     /// Logits `[R][V]` of hidden rows `h [R][d]`.
     pub fn logits(&self, h: &[f32], logits: &mut [f32], scratch: &mut BlockScratch<'_>) {
         scratch.linear(&self.token, h, logits);
+    }
+}
+
+/// Adds what stands between two rows of strengths; strengths beyond the table count as its last.
+#[inline(never)]
+fn add_strength(table: &Embedding<'_>, strength: f32, row: &mut [f32]) {
+    let last = usize::from(STRENGTHS) - 1;
+    let below = strength as usize;
+    let below = if below < last { below } else { last - 1 };
+    let share = if strength < last as f32 { strength - below as f32 } else { 1.0 };
+    for (place, share) in [(below, 1.0 - share), (below + 1, share)] {
+        let (weights, scale) = table.row(place);
+        add_row((weights, scale * share), row);
     }
 }
