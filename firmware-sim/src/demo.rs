@@ -349,7 +349,7 @@ impl Cmd {
         after: &Outcome,
     ) -> anyhow::Result<Compared> {
         let checkpoint = default_model::prior(self.prior.as_deref())?;
-        motionette_host::verify::check_same_prior(blob, &checkpoint)?;
+        let checkpoint = motionette_host::verify::same_words(blob, checkpoint)?;
         let mut prior = Prior::<f32>::new(&checkpoint, tokenizer);
         if !anchors.is_empty() {
             let control = default_model::control(self.control.as_deref())?;

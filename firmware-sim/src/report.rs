@@ -29,6 +29,9 @@ pub struct Report {
     pub prompt: Option<String>,
     /// Words of the prompt that the model does not know.
     pub unknown_words: Vec<String>,
+    /// What the prompt was understood as, of a model that was taught it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub understood: Option<String>,
     /// Steps of the planner.
     pub planner_steps: usize,
     /// Share of positions, over all steps, at which runtime and f32 reference find the same token most probable, given the
@@ -146,6 +149,7 @@ impl Report {
             if !self.unknown_words.is_empty() {
                 lines.push(line("unknown words", self.unknown_words.join(", ")));
             }
+            lines.extend(self.understood.as_ref().map(|understood| line("understood as", understood.clone())));
             let agreement = 100.0 * self.planner_token_agreement.unwrap_or(f64::NAN);
             lines.push(line(
                 "planner",
@@ -318,6 +322,7 @@ impl From<&Parts<'_>> for Report {
             tokens: parts.tokens,
             prompt: parts.prompt.map(str::to_owned),
             unknown_words: parts.unknown_words.clone(),
+            understood: after.understood.clone(),
             planner_steps: after.steps.len(),
             planner_token_agreement: parts.planner_token_agreement,
             anchors: parts.anchors.len(),

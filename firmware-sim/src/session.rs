@@ -55,6 +55,8 @@ pub struct Outcome {
     pub steps: Vec<Vec<u16>>,
     /// Words of the prompt that the model does not know.
     pub unknown_words: u16,
+    /// What the prompt was understood as, of a model that was taught it.
+    pub understood: Option<String>,
     /// Distinct anchors that the planner did not see.
     pub unconditioned_anchors: u16,
     /// What the refinement did; `None` without one.
@@ -101,6 +103,7 @@ pub fn run(model: &Model<'_>, request: &Request<'_>, report: fn(&Progress)) -> R
             tokens: motion.tokens().to_vec(),
             steps: watch.steps,
             unknown_words: motion.unknown_words(),
+            understood: motion.understood().map(|understood| model.in_words(understood).to_string()),
             unconditioned_anchors: motion.unconditioned_anchors(),
             refinement: motion.refinement,
             errors: watch.errors,

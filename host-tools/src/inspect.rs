@@ -82,7 +82,10 @@ pub struct PriorInfo {
     pub text: Option<String>,
     /// Kind of the text table; `None` without a text encoder.
     pub table: Option<&'static str>,
-    /// Words of the vocabulary in the order of their ids; empty without a text encoder.
+    /// Words with a row; 0 without a text encoder.
+    pub words: usize,
+    /// Words of the vocabulary in the order of their ids; empty without a text encoder, or where the blob holds hashes of them alone and no
+    /// checkpoint says more.
     pub vocabulary: Vec<String>,
     /// Longest prompt, words.
     pub max_words: u16,
@@ -90,6 +93,8 @@ pub struct PriorInfo {
     pub bank_kind: &'static str,
     /// Names of the stored prompts.
     pub bank: Vec<String>,
+    /// What prompts may be understood as, actions before styles.
+    pub phrases: Vec<String>,
     /// Configuration of the planner in words; `None` without one.
     pub planner: Option<String>,
     /// Kind of its guidance; `None` without one.
@@ -235,21 +240,33 @@ fn prior_info(
         info(layer, rows, originals.iter().find(|o| o.name == layer.name))
     });
     let table = text.encoder.map(|encoder| match encoder.table {
-        TextTable::Words(words) => ("words", lines(words)),
+        TextTable::Words(words) => ("words", words.lines().count(), lines(words)),
+        // A blob has hashes of its words alone.
+        TextTable::Vectors { words, dims: _ } => {
+            ("vectors", usize::from(words), checkpoint.map(|prior| prior.config.vocabulary.clone()).unwrap_or_default())
+        }
     });
     let (bank_kind, bank) = match text.bank {
         PhraseBank::Prompts(names) => ("prompts", lines(names)),
+        PhraseBank::Meanings { prompts, .. } => ("meanings", lines(prompts)),
+    };
+    let phrases = match text.bank {
+        PhraseBank::Prompts(_) => Vec::new(),
+        PhraseBank::Meanings { phrases, .. } => lines(phrases),
     };
     Ok(Some(PriorInfo {
         text: text.encoder.as_ref().map(|encoder| words(&encoder.transformer)),
-        table: table.as_ref().map(|(kind, _)| *kind),
-        vocabulary: table.map(|(_, words)| words).unwrap_or_default(),
+        table: table.as_ref().map(|(kind, ..)| *kind),
+        words: table.as_ref().map_or(0, |(_, count, _)| *count),
+        vocabulary: table.map(|(.., words)| words).unwrap_or_default(),
         max_words: text.max_words,
         bank_kind,
         bank,
+        phrases,
         planner: planner.map(|p| format!("{}, TMD with c = {}, a = {}", words(&p.transformer), p.c, p.a)),
         guidance: planner.map(|p| match p.guidance {
             Guidance::TwoPass => "two passes",
+            Guidance::OnePass => "one pass",
         }),
         layers: layers.collect(),
     }))
@@ -370,5 +387,6 @@ pub fn dtype_name(dtype: DType) -> &'static str {
         DType::I16Planes => "int16",
         DType::F16 => "f16",
         DType::F32 => "f32",
+        DType::U32 => "u32",
     }
 }

@@ -235,6 +235,9 @@ pub fn plan(
     })
 }
 
+/// Tensors of words with vectors.
+const WORDS: [&str; 3] = ["text.words", "text.vectors", "text.scales"];
+
 fn stream(model: &Model<'_>, limits: &StreamLimits) -> Result<Stream, Error> {
     let plan = StreamPlan::new(model, limits)?;
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
@@ -271,10 +274,13 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
         "planner",
         "anchor control",
         "planner, 4-bit weights",
+        "words with their vectors",
     ];
-    let mut amounts = [HEADER_LEN, header.manifest_len as usize, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+    let mut amounts = [0; 13];
+    amounts[..2].copy_from_slice(&[HEADER_LEN, header.manifest_len as usize]);
     for (index, t) in blob.table()?.into_iter().enumerate() {
         let section = match t.dtype {
+            _ if WORDS.contains(&t.name.as_str()) => 12,
             _ if t.name.starts_with("text.") => 7,
             _ if t.name.starts_with("bank.") => 8,
             DType::I4 => 11,
@@ -284,7 +290,7 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
             DType::F16 => 3,
             DType::I8 => 4,
             DType::I16Planes => 5,
-            DType::F32 => 6,
+            DType::F32 | DType::U32 => 6,
         };
         amounts[section] += t.bytes;
     }

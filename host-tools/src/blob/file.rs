@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use motionette::Model;
-use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensors};
+use motionette::blob::{self, DType, HEADER_LEN, Header, Manifest, Tensor, Tensors, TextTable};
 use motionette::kernels::unpacked;
 
 use super::{AlignedBlob, QuantisedConv1d};
@@ -180,6 +180,25 @@ impl BlobFile {
         Ok(layers)
     }
 
+    /// Hashes of its words with vectors, rising; none without a table of those.
+    ///
+    /// # Errors
+    /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
+    pub fn word_hashes(&self) -> Result<Vec<u32>, Error> {
+        let Parts { manifest, mut tensors, .. } = self.parts()?;
+        let encoder = manifest.text.and_then(|text| text.encoder);
+        let Some(TextTable::Vectors { words, .. }) = encoder.map(|encoder| encoder.table) else {
+            return Ok(Vec::new());
+        };
+        for _ in 0..manifest.tensor_count {
+            let tensor = tensors.take().map_err(|source| self.refused(source))?;
+            if tensor.entry.dtype == DType::U32 {
+                return Ok(tensor.hashes(words).map_err(|source| self.refused(source))?.to_vec());
+            }
+        }
+        Ok(Vec::new())
+    }
+
     /// Those of the anchor control.
     ///
     /// # Errors
@@ -262,9 +281,11 @@ fn layers(table: &[TableEntry]) -> Vec<QuantisedConv1d> {
     let mut rest = table.iter().peekable();
     while let Some(entry) = rest.next() {
         let (wide, narrow) = match entry.dtype {
+            // Vectors of words are no layer.
+            _ if ![".weight", ".wide"].into_iter().any(|ending| entry.name.ends_with(ending)) => continue,
             DType::I16Planes => (Some(entry), rest.next_if(|e| e.dtype == DType::I8)),
             DType::I8 | DType::I4 => (None, Some(entry)),
-            DType::F16 | DType::F32 => continue,
+            DType::F16 | DType::F32 | DType::U32 => continue,
         };
         let mut floats = |ending| {
             let entry = rest.next_if(|e| e.dtype == DType::F32 && e.name.ends_with(ending));
@@ -319,6 +340,7 @@ fn entry(tensor: &Tensor<'_>) -> Result<TableEntry, blob::Error> {
             let bits = tensor.f16s(e.shape[1], e.shape[2])?;
             bits.iter().map(|&b| half::f16::from_bits(b).to_f64()).collect()
         }
+        DType::U32 => tensor.hashes(e.shape[2])?.iter().map(|&v| f64::from(v)).collect(),
         DType::I8 => tensor.bytes(e.shape)?.iter().map(|&v| f64::from(v)).collect(),
         DType::I4 => {
             let groups = tensor.nibbles(e.shape)?.as_chunks().0;

@@ -1,6 +1,8 @@
 //! The bytes of a blob: header, manifest, tensor table, weight section (`runtime/src/blob/FORMAT.md`).
 
-use motionette::blob::{ALIGNMENT, DType, HEADER_LEN, Header, MAJOR, Manifest, TensorEntry};
+use motionette::blob::{
+    ALIGNMENT, DType, Guidance, HEADER_LEN, Header, MAJOR, Manifest, PhraseBank, TensorEntry, TextTable,
+};
 
 use super::AlignedBlob;
 
@@ -62,9 +64,16 @@ pub fn write(manifest: &Manifest<'_>, tensors: &[Tensor]) -> Result<AlignedBlob,
     file(manifest, &table, &weights)
 }
 
-/// The oldest minor version that has all that a manifest says: 1 where a convolution looks less far ahead than back, else 0.
+/// The oldest minor version that has all that a manifest says: 1 where a convolution looks less far ahead than back, words have vectors,
+/// prompts are understood as phrases, or guidance takes one pass; else 0.
 fn minor(manifest: &Manifest<'_>) -> u16 {
-    u16::from(manifest.codec.decoder().padding.iter().any(|padding| padding.left != padding.right))
+    let causal = manifest.codec.decoder().padding.iter().any(|padding| padding.left != padding.right);
+    let text = manifest.text.as_ref();
+    let vectors =
+        text.and_then(|text| text.encoder).is_some_and(|encoder| matches!(encoder.table, TextTable::Vectors { .. }));
+    let phrases = text.is_some_and(|text| matches!(text.bank, PhraseBank::Meanings { .. }));
+    let one_pass = manifest.generator.planner().is_some_and(|planner| planner.guidance == Guidance::OnePass);
+    u16::from(causal || vectors || phrases || one_pass)
 }
 
 /// The bytes of a blob from its parts: header, `manifest`, the tensor `table` as it is on the wire, `weights`.

@@ -18,6 +18,7 @@ pub mod safetensors;
 pub mod tensors;
 pub mod tokenizer;
 pub mod torch;
+pub mod words;
 pub mod zip;
 
 use std::collections::BTreeMap;
@@ -29,6 +30,7 @@ pub use error::{Error, ErrorKind};
 pub use prior::{PriorCheckpoint, PriorConfig};
 pub use tensors::{Tensor, TensorMap};
 pub use tokenizer::{Conv1d, Decoder, DecoderStage, Encoder, EncoderStage, ResBlock, Statistics, TokenizerCheckpoint};
+pub use words::WordTable;
 
 use crate::input;
 use error::Result;

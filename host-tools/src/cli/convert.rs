@@ -69,6 +69,9 @@ pub(super) struct Cmd {
     #[arg(long, default_value_t = 8, value_parser = PossibleValuesParser::new(["4", "8"]).map(|b| if b == "4" { 4_u8 } else { 8 }),
         value_name = "BITS")]
     planner_bits: u8,
+    /// Words with vectors that are kept: those of captions and phrases (0), common ones too (1), all (2).
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(0..=2), value_name = "TIER", requires = "prior")]
+    word_tier: u8,
     /// How weights are rounded. With 8 bits those of a prior are always rounded to nearest.
     #[arg(long, value_enum, default_value_t = Way::Feedback)]
     rounding: Way,
@@ -100,7 +103,7 @@ impl Cmd {
             return self.lift();
         }
         let checkpoint = self.files.load(&self.checkpoint)?;
-        let prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
+        let mut prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
         if let Some(prior) = &prior {
             prior.check_tokenizer(&checkpoint).context("matching prior and tokenizer")?;
         }
@@ -108,6 +111,10 @@ impl Cmd {
         if let (Some(control), Some(prior)) = (&control, &prior) {
             control.check_prior(prior, &checkpoint).context("matching control and prior")?;
         }
+        prior = prior.map(|prior| {
+            let tiers = prior.config.word_tiers.clone();
+            prior.with_words(|row, _| tiers.get(row).is_none_or(|tier| *tier <= self.word_tier))
+        });
         let bank = match (&prior, &self.bank) {
             (Some(prior), Some(path)) => stored_prompts(prior, path, self.no_text_encoder)?,
             _ => Vec::new(),
@@ -226,6 +233,7 @@ impl Cmd {
             || self.files.given()
             || self.licence != UNKNOWN
             || self.planner_bits != 8
+            || self.word_tier != 2
             || !matches!(self.rounding, Way::Feedback)
             || self.no_text_encoder
             || self.no_refit

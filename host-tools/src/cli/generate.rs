@@ -60,6 +60,7 @@ impl Cmd {
             "words": made.words[0],
             "unknown_words": made.words[1],
             "unknown": made.unknown,
+            "understood": made.understood,
             "frames": joints.len(),
             "seconds": seconds,
             "tokens": made.tokens,

@@ -76,6 +76,8 @@ pub(super) struct Made {
     pub words: [usize; 2],
     /// These.
     pub unknown: Vec<String>,
+    /// What the prompt was understood as, of a model that was taught it.
+    pub understood: Option<String>,
     /// How many anchors the planner did not see, and why; `None` when it saw all of them.
     pub unconditioned: Option<(u16, String)>,
     /// What the refinement did.
@@ -136,6 +138,10 @@ impl GenerateArgs {
         if !unknown.is_empty() {
             say(&format!("note: words the vocabulary does not have: {}", unknown.join(", ")));
         }
+        let understood = motion.understood().map(|understood| model.in_words(understood).to_string());
+        if let Some(understood) = &understood {
+            say(&format!("understood as: {understood}"));
+        }
         let unconditioned = self.unconditioned(&blob, motion.unconditioned_anchors())?;
         if let Some((count, why)) = &unconditioned {
             say(&format!("note: the planner did not see {count} of the anchors: {why}"));
@@ -150,6 +156,7 @@ impl GenerateArgs {
             arena_used: motion.arena_used,
             hash: motion.hash(),
             unknown,
+            understood,
             unconditioned,
             anchors,
         })

@@ -57,7 +57,11 @@ impl Cmd {
         show(&inspection);
         if self.vocabulary {
             let words = inspection.prior.as_ref().map_or(&[][..], |p| &p.vocabulary);
+            let phrases = inspection.prior.as_ref().map_or(&[][..], |p| &p.phrases);
             say(&format!("\n{} words\n{}", words.len(), words.join(" ")));
+            if !phrases.is_empty() {
+                say(&format!("\n{} phrases\n{}", phrases.len(), phrases.join("\n")));
+            }
         }
         Ok(serde_json::to_value(&inspection)?)
     }
@@ -128,16 +132,15 @@ fn show_prior(p: &PriorInfo) {
     match &p.text {
         Some(text) => {
             let kind = p.table.unwrap_or_default();
-            say(&format!(
-                "  text        {text}; table of {} {kind}, prompts of at most {}",
-                p.vocabulary.len(),
-                p.max_words
-            ));
+            say(&format!("  text        {text}; table of {} {kind}, prompts of at most {}", p.words, p.max_words));
         }
         None => say("  text        no encoder"),
     }
     if !p.bank.is_empty() {
         say(&format!("  prompts     {} stored: {}", p.bank.len(), p.bank.join(", ")));
+    }
+    if !p.phrases.is_empty() {
+        say(&format!("  understood  as one of {} phrases", p.phrases.len()));
     }
     if let Some(planner) = &p.planner {
         say(&format!("  planner     {planner}, guided by {}", p.guidance.unwrap_or_default()));

@@ -75,7 +75,7 @@ impl Cmd {
         if !same {
             say("note: the blob was converted from another checkpoint file than this one (their SHA-256 differ)");
         }
-        let prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
+        let mut prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
         if let (Some(prior), Some(path)) = (&prior, &self.prior) {
             prior.check_tokenizer(&checkpoint).context("matching prior and tokenizer")?;
             verify::check_same_prior(&blob, prior)?;
@@ -91,6 +91,7 @@ impl Cmd {
                 say("note: the blob was converted from another control file than this one (their SHA-256 differ)");
             }
         }
+        prior = prior.map(|prior| verify::same_words(&blob, prior)).transpose()?;
         let max_tokens = blob.model()?.max_tokens();
         let dataset = Dataset::load(&self.dataset)?;
         let sequences = verify::sequences(&checkpoint, &dataset, self.split, self.clips, max_tokens)?;

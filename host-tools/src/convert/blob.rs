@@ -13,8 +13,9 @@ use super::{CardText, Error, MAX_TOKENS, PriorSource};
 use crate::blob::layer::{pack, split};
 use crate::blob::write::{self as blob, Tensor, narrow};
 use crate::blob::{AlignedBlob, QuantisedConv1d};
-use crate::checkpoint::prior::{self, NormOrder};
-use crate::checkpoint::{ControlCheckpoint, TokenizerCheckpoint};
+use crate::checkpoint::prior::{self, NormOrder, SPECIAL, WordRows, WordVectors};
+use crate::checkpoint::words::hash;
+use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
 use crate::motion::uniform;
 
 /// Seed of the self-test's tokens.
@@ -36,9 +37,23 @@ struct Facts<'a> {
 struct Text {
     width: u16,
     max_words: u16,
-    /// Vocabulary and blocks.
-    encoder: Option<(String, TransformerConfig)>,
+    /// Words and blocks.
+    encoder: Option<(Words, TransformerConfig)>,
     bank: String,
+    meanings: Option<Meanings>,
+}
+
+/// [`TextTable`] with words of its own.
+enum Words {
+    Listed(String),
+    Vectors { words: u16, dims: u16 },
+}
+
+/// What prompts may mean.
+struct Meanings {
+    phrases: String,
+    actions: u16,
+    threshold: f32,
 }
 
 /// Serialises `checkpoint` with its quantised decoder `layers`, the prior if there is one, and a self-test, and has the runtime open and
@@ -113,11 +128,19 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
             width: t.width,
             max_words: t.max_words,
             encoder: t.encoder.as_ref().map(|(words, transformer)| TextEncoderConfig {
-                table: TextTable::Words(words),
+                table: match *words {
+                    Words::Listed(ref words) => TextTable::Words(words),
+                    Words::Vectors { words, dims } => TextTable::Vectors { words, dims },
+                },
                 transformer: *transformer,
             }),
             length: TextLength::Head,
-            bank: PhraseBank::Prompts(&t.bank),
+            bank: match &t.meanings {
+                None => PhraseBank::Prompts(&t.bank),
+                Some(Meanings { phrases, actions, threshold }) => {
+                    PhraseBank::Meanings { prompts: &t.bank, phrases, actions: *actions, threshold: *threshold }
+                }
+            },
         }),
         generator: facts.generator,
         self_test,
@@ -170,14 +193,33 @@ fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
     let c = &source.checkpoint.config;
     let names: Vec<&str> = source.bank.iter().map(|e| e.name.as_str()).collect();
     let encoder = match source.text_encoder {
-        true => Some((c.vocabulary.join("\n"), transformer_config(c.form(), c.text)?)),
+        true => Some((words(source.checkpoint)?, transformer_config(c.form(), c.text)?)),
         false => None,
+    };
+    let actions = c.meanings.iter().filter(|meaning| !meaning.style).count();
+    let phrases: Vec<&str> = c.meanings.iter().map(|meaning| meaning.phrase.as_str()).collect();
+    let meanings = Meanings {
+        phrases: phrases.join("\n"),
+        actions: narrow(actions, "phrases of actions")?,
+        threshold: c.threshold,
     };
     Ok(Text {
         width: narrow(c.text.width, "width of the text encoder")?,
         max_words: narrow(c.max_words, "longest prompt")?,
         encoder,
         bank: names.join("\n"),
+        meanings: (!phrases.is_empty()).then_some(meanings),
+    })
+}
+
+fn words(prior: &PriorCheckpoint) -> Result<Words, Error> {
+    let dims = prior.config.word_vectors;
+    if dims == 0 {
+        return Ok(Words::Listed(prior.config.vocabulary.join("\n")));
+    }
+    Ok(Words::Vectors {
+        words: narrow(prior.config.vocabulary.len() - SPECIAL, "words with a vector")?,
+        dims: narrow(dims, "numbers of a word's vector")?,
     })
 }
 
@@ -188,7 +230,7 @@ fn planner_config(source: &PriorSource<'_>) -> Result<PlannerConfig, Error> {
         transformer: transformer_config(c.form(), c.planner)?,
         c: c.c as f32,
         a: c.a as f32,
-        guidance: Guidance::TwoPass,
+        guidance: if source.checkpoint.planner.guidance.is_some() { Guidance::OnePass } else { Guidance::TwoPass },
         control: source.control.map(control_config).transpose()?,
     })
 }
@@ -224,8 +266,11 @@ fn transformer_config(form: prior::Form, sizes: prior::Sizes) -> Result<Transfor
 
 /// Text encoder or its length head alone, stored prompts, planner, anchor control.
 fn push_prior(tensors: &mut Vec<Tensor>, source: &PriorSource<'_>, prior: &QuantisedPrior) -> Result<(), Error> {
-    let length = prior.text.len().saturating_sub(1);
-    for part in &prior.text[if source.text_encoder { 0 } else { length }..] {
+    let heads = 1 + usize::from(source.checkpoint.text.meaning.is_some());
+    if let (true, WordRows::Vectors(vectors)) = (source.text_encoder, &source.checkpoint.text.table) {
+        push_vectors(tensors, source.checkpoint, vectors)?;
+    }
+    for part in &prior.text[if source.text_encoder { 0 } else { prior.text.len().saturating_sub(heads) }..] {
         push_part(tensors, part)?;
     }
     let width = source.checkpoint.config.text.width;
@@ -250,6 +295,24 @@ fn push_prior(tensors: &mut Vec<Tensor>, source: &PriorSource<'_>, prior: &Quant
         tensors.push(Tensor::vector("control.std".into(), &control.statistics.std)?);
     }
     prior.control.iter().try_for_each(|part| push_part(tensors, part))
+}
+
+/// Hashes of words, their vectors in 4 bits, the scales of these; in the order of the hashes, as the vocabulary is.
+fn push_vectors(tensors: &mut Vec<Tensor>, prior: &PriorCheckpoint, vectors: &WordVectors) -> Result<(), Error> {
+    let words = &prior.config.vocabulary[SPECIAL..];
+    let (rows, dims) =
+        (narrow(words.len(), "words with a vector")?, narrow(prior.config.word_vectors, "word vectors")?);
+    let numbers: Vec<i32> = vectors.numbers.iter().map(|number| *number as i32).collect();
+    let hashes = words.iter().flat_map(|word| hash(word).to_le_bytes()).collect();
+    let scales = vectors.scales.iter().flat_map(|scale| half::f16::from_f32(*scale).to_le_bytes()).collect();
+    for (name, dtype, shape, bytes) in [
+        ("text.words", DType::U32, [1, 1, rows], hashes),
+        ("text.vectors", DType::I4, [1, rows, dims], pack(&numbers)),
+        ("text.scales", DType::F16, [1, 1, rows], scales),
+    ] {
+        tensors.push(Tensor { name: name.into(), dtype, shape, bytes });
+    }
+    Ok(())
 }
 
 fn push_part(tensors: &mut Vec<Tensor>, part: &QuantisedPart) -> Result<(), Error> {

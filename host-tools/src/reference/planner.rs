@@ -7,7 +7,7 @@ use super::control::AnchorContext;
 use super::real::Real;
 use super::text::Encoded;
 use super::transformer::{Block, Embedding, LayerNorm, Linear, Segment, add};
-use crate::checkpoint::prior::{PriorCheckpoint, TIMES};
+use crate::checkpoint::prior::{PriorCheckpoint, STRENGTHS, TIMES};
 
 /// A text, and anchors, as the layers see them: the same in every step.
 #[derive(Debug, Clone)]
@@ -44,6 +44,7 @@ pub struct Planner<T> {
     position: Embedding<T>,
     end: Embedding<T>,
     fixed: Embedding<T>,
+    guidance: Option<Embedding<T>>,
     layers: Vec<Block<T>>,
     norm: LayerNorm<T>,
     token: Linear<T>,
@@ -65,6 +66,7 @@ impl<T: Real> Planner<T> {
             position: Embedding::new(&p.position),
             end: Embedding::new(&p.end),
             fixed: Embedding::new(&p.fixed),
+            guidance: p.guidance.as_ref().map(Embedding::new),
             layers: p.layers.iter().map(|b| Block::new(b, config.planner.heads, config.form())).collect(),
             norm: LayerNorm::new(&p.norm, config.epsilon),
             token: Linear::new(&p.token),
@@ -73,14 +75,28 @@ impl<T: Real> Planner<T> {
         }
     }
 
-    /// What every step needs of a text.
+    /// Whether the planner is told the strength of guidance, so that one pass is enough.
     #[must_use]
-    pub fn context(&self, text: &Encoded<T>) -> Context<T> {
-        Context {
-            global: self.global.forward(&text.pooled),
-            memories: self.layers.iter().map(|l| l.remember(&text.memory)).collect(),
-            anchors: None,
+    pub fn one_pass(&self) -> bool {
+        self.guidance.is_some()
+    }
+
+    /// What every step needs of a text that guides with `strength`, which counts only where the planner is told it.
+    #[must_use]
+    pub fn context(&self, text: &Encoded<T>, strength: f32) -> Context<T> {
+        let mut global = self.global.forward(&text.pooled);
+        if let Some(table) = &self.guidance {
+            // Between two rows of the table; beyond its end the last one.
+            let last = (STRENGTHS - 1) as f32;
+            let strength = strength.clamp(0.0, last);
+            let below = (strength.floor() as usize).min(STRENGTHS - 2);
+            let share = T::from_f32(strength - below as f32);
+            for (i, x) in global.iter_mut().enumerate() {
+                let (a, b) = (table.row(below)[i], table.row(below + 1)[i]);
+                *x += a + share * (b - a);
+            }
         }
+        Context { global, memories: self.layers.iter().map(|l| l.remember(&text.memory)).collect(), anchors: None }
     }
 
     /// Logits `[L][V]` over the clean tokens, given `tokens` at time `time` in `0..1`.

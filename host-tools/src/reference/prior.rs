@@ -13,7 +13,8 @@ use crate::checkpoint::{ControlCheckpoint, TokenizerCheckpoint};
 #[derive(Debug, Clone)]
 pub struct Guided<T> {
     conditional: Context<T>,
-    /// Of neither text nor anchors: `unconditional + guidance (conditional - unconditional)`; absent when guidance is 1.
+    /// Of neither text nor anchors: `unconditional + guidance (conditional - unconditional)`; absent when guidance is 1, or the planner is
+    /// told it.
     unconditional: Option<Context<T>>,
     guidance: T,
     /// The motion went on before the first token.
@@ -71,10 +72,11 @@ impl<T: Real> Prior<T> {
     /// Makes words ready for planning; guidance 1 means none.
     #[must_use]
     pub fn guided(&self, words: &[u16], guidance: f32) -> Guided<T> {
-        let context = |words: &[u16]| self.planner.context(&self.text.encode(words));
+        let context = |words: &[u16]| self.planner.context(&self.text.encode(words), guidance);
+        let two_passes = guidance != 1.0 && !self.planner.one_pass();
         Guided {
             conditional: context(words),
-            unconditional: (guidance != 1.0).then(|| context(&[text::UNCONDITIONAL])),
+            unconditional: two_passes.then(|| context(&[text::UNCONDITIONAL])),
             guidance: T::from_f32(guidance),
             start_open: false,
             end_open: false,
@@ -110,7 +112,7 @@ impl<T: Real> Prior<T> {
     /// Tells `see` what every linear of the planner's blocks reads, by its name in a checkpoint, in one pass for words.
     pub fn observe(&self, words: &[u16], tokens: &[u16], time: f64, see: &mut dyn FnMut(String, &[T])) {
         let text = self.text.encode(words);
-        let context = self.planner.context(&text);
+        let context = self.planner.context(&text, 1.0);
         let mut layers = 0;
         let _ = self.planner.observe(&context, tokens, time, Window::default(), &mut |layer, name, rows| {
             layers = layers.max(layer + 1);

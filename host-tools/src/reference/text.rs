@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::real::Real;
 use super::transformer::{Block, Embedding, LayerNorm, Linear, softmax};
-use crate::checkpoint::prior::{MAX_WORD, PriorCheckpoint};
+use crate::checkpoint::prior::{MAX_WORD, PriorCheckpoint, SPECIAL, WordRows, WordVectors};
 
 /// Id of the unconditional prompt.
 pub const UNCONDITIONAL: u16 = 0;
@@ -122,6 +122,48 @@ pub struct Encoded<T> {
     pub pooled: Vec<T>,
 }
 
+/// Words to rows.
+#[derive(Debug, Clone)]
+enum Table<T> {
+    Embedding(Embedding<T>),
+    /// Vectors `[words - 2][dims]`, whose rows a linear makes.
+    Vectors {
+        vectors: Vec<T>,
+        special: Embedding<T>,
+        projection: Linear<T>,
+    },
+}
+
+impl<T: Real> Table<T> {
+    fn new(rows: &WordRows) -> Self {
+        match rows {
+            WordRows::Embedding(table) => Table::Embedding(Embedding::new(table)),
+            WordRows::Vectors(WordVectors { numbers, scales, special, projection }) => {
+                let rows = numbers.chunks_exact(projection.inputs.max(1)).zip(scales);
+                let vector = |(row, scale): (&[f32], &f32)| -> Vec<T> {
+                    row.iter().map(|n| T::from_f64(f64::from(*n) * f64::from(*scale))).collect()
+                };
+                Table::Vectors {
+                    vectors: rows.flat_map(vector).collect(),
+                    special: Embedding::new(special),
+                    projection: Linear::new(projection),
+                }
+            }
+        }
+    }
+
+    fn row(&self, word: usize) -> Vec<T> {
+        match self {
+            Table::Embedding(table) => table.row(word).to_vec(),
+            Table::Vectors { special, .. } if word < SPECIAL => special.row(word).to_vec(),
+            Table::Vectors { vectors, projection, .. } => {
+                let dims = projection.inputs;
+                projection.forward(&vectors[(word - SPECIAL) * dims..][..dims])
+            }
+        }
+    }
+}
+
 /// The text encoder.
 #[derive(Debug, Clone)]
 pub struct TextEncoder<T> {
@@ -129,11 +171,12 @@ pub struct TextEncoder<T> {
     pub vocabulary: Vocabulary,
     /// Longest prompt, words.
     pub max_words: usize,
-    embedding: Embedding<T>,
+    table: Table<T>,
     position: Embedding<T>,
     layers: Vec<Block<T>>,
     norm: LayerNorm<T>,
     length: Linear<T>,
+    meaning: Option<Linear<T>>,
     width: usize,
 }
 
@@ -145,11 +188,12 @@ impl<T: Real> TextEncoder<T> {
         Self {
             vocabulary: Vocabulary::new(&config.vocabulary),
             max_words: config.max_words,
-            embedding: Embedding::new(&text.embedding),
+            table: Table::new(&text.table),
             position: Embedding::new(&text.position),
             layers: text.layers.iter().map(|b| Block::new(b, config.text.heads, config.form())).collect(),
             norm: LayerNorm::new(&text.norm, config.epsilon),
             length: Linear::new(&text.length),
+            meaning: text.meaning.as_ref().map(Linear::new),
             width: config.text.width,
         }
     }
@@ -181,7 +225,7 @@ impl<T: Real> TextEncoder<T> {
         let mut x = Vec::with_capacity(words.len() * self.width);
         for (i, &word) in words.iter().enumerate() {
             let start = x.len();
-            x.extend_from_slice(self.embedding.row(usize::from(word)));
+            x.extend(self.table.row(usize::from(word)));
             self.position.add(i, &mut x[start..]);
         }
         for layer in &self.layers {
@@ -201,6 +245,13 @@ impl<T: Real> TextEncoder<T> {
     #[must_use]
     pub fn length_logits(&self, pooled: &[T]) -> Vec<T> {
         self.length.forward(pooled)
+    }
+
+    /// Probabilities of what the text means, one for each of the checkpoint's meanings; empty where the prior did not learn them.
+    #[must_use]
+    pub fn meanings(&self, pooled: &[T]) -> Vec<T> {
+        let logits = self.meaning.as_ref().map_or_else(Vec::new, |meaning| meaning.forward(pooled));
+        logits.into_iter().map(|x| T::ONE / (T::ONE + (-x).exp())).collect()
     }
 
     /// The median of the distribution over lengths, tokens.

@@ -8,6 +8,8 @@ pub mod layers;
 pub mod planner;
 pub mod solvers;
 
+use std::collections::HashSet;
+
 use motionette::blob::{TextTable, TransformerConfig};
 use motionette::{Generator, Request};
 use serde::Serialize;
@@ -15,6 +17,7 @@ use serde::Serialize;
 use crate::agreement::Agreement;
 use crate::blob::{self, BlobFile};
 use crate::checkpoint::prior::Sizes;
+use crate::checkpoint::words::hash;
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
 use crate::dataset::{Dataset, Split, captioned};
 use crate::motion::Pose;
@@ -226,15 +229,34 @@ pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), 
     ];
     pairs.extend(text.encoder.iter().flat_map(|encoder| transformer(&encoder.transformer, c.text)));
     pairs.extend(transformer(&planner.transformer, c.planner));
-    if let Some(TextTable::Words(words)) = text.encoder.map(|encoder| encoder.table) {
-        let same = words.lines().zip(&c.vocabulary).take_while(|(a, b)| a == b).count();
-        pairs.push(("number of words", words.lines().count(), c.vocabulary.len()));
-        pairs.push(("number of words in the same order", same, c.vocabulary.len()));
+    match text.encoder.map(|encoder| encoder.table) {
+        None => {}
+        Some(TextTable::Words(words)) => {
+            let same = words.lines().zip(&c.vocabulary).take_while(|(a, b)| a == b).count();
+            pairs.push(("number of words", words.lines().count(), c.vocabulary.len()));
+            pairs.push(("number of words in the same order", same, c.vocabulary.len()));
+        }
+        Some(TextTable::Vectors { words, dims }) => {
+            let known: HashSet<u32> = c.vocabulary.iter().map(|word| hash(word)).collect();
+            let same = blob.word_hashes()?.iter().filter(|hash| known.contains(hash)).count();
+            pairs.push(("numbers of a word's vector", usize::from(dims), c.word_vectors));
+            pairs.push(("number of words that the other has", usize::from(words), same));
+        }
     }
     match pairs.into_iter().find(|(_, blob, checkpoint)| blob != checkpoint) {
         Some((what, blob, checkpoint)) => Err(Error::Mismatch { what, blob, checkpoint }),
         None => Ok(()),
     }
+}
+
+/// The prior as `blob` holds it: of words with vectors those that the blob has.
+///
+/// # Errors
+/// As [`check_same_prior`].
+pub fn same_words(blob: &BlobFile, prior: PriorCheckpoint) -> Result<PriorCheckpoint, Error> {
+    check_same_prior(blob, &prior)?;
+    let kept: HashSet<u32> = blob.word_hashes()?.into_iter().collect();
+    Ok(prior.with_words(|_, word| kept.contains(&hash(word))))
 }
 
 /// Refuses a blob and a control of different sizes.

@@ -11,17 +11,32 @@ pub type Phrase = heapless::String<PHRASE_BYTES>;
 /// What the device understood of a prompt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Understood {
-    /// What the motion was made of, in words that the model knows.
+    /// The likeliest action, with the style behind a comma where one is likely; of a model that was not taught what prompts mean, what the
+    /// motion was made of in words that it knows.
     pub phrase: Phrase,
-    /// How well they stand for the prompt: 1 in full, 0 not at all.
+    /// How likely that is what the prompt means, 0 to 1; without such teaching the share of its words that the model knows.
     pub score: f32,
 }
 
 impl Understood {
+    /// What `model` understood of the prompt `text` of `motion`.
+    #[must_use]
+    pub fn of(model: &Model<'_>, motion: &Motion<'_>, text: &str) -> Option<Self> {
+        let Some(understood) = motion.understood() else { return Self::of_words(model, text) };
+        let action = understood.action();
+        let mut phrase = Phrase::new();
+        push(&mut phrase, model.phrase(action.phrase)?);
+        if let Some(style) = understood.style.and_then(|style| model.phrase(style.phrase)) {
+            push(&mut phrase, ", ");
+            push(&mut phrase, style);
+        }
+        Some(Understood { phrase, score: action.score })
+    }
+
     /// What `model` knows of the words of `text`, in their order, and the share of them that it knows; `None` when it reads no text or
     /// the text has no words. Words that do not fit a phrase are counted but not named.
     #[must_use]
-    pub fn of(model: &Model<'_>, text: &str) -> Option<Self> {
+    fn of_words(model: &Model<'_>, text: &str) -> Option<Self> {
         let (mut phrase, mut full) = (Phrase::new(), false);
         let (mut known, mut words) = (0u16, 0u16);
         for word in Words::new(text) {
@@ -38,6 +53,15 @@ impl Understood {
             }
         }
         (words > 0).then(|| Understood { phrase, score: f32::from(known) / f32::from(words) })
+    }
+}
+
+/// Adds `text`, or as much of it as fits.
+fn push(phrase: &mut Phrase, text: &str) {
+    for c in text.chars() {
+        if phrase.push(c).is_err() {
+            return;
+        }
     }
 }
 

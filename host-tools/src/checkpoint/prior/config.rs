@@ -4,6 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::config::parse;
 use crate::checkpoint::error::{ErrorKind, Result};
+use crate::checkpoint::words::hash;
+use crate::dataset::Side;
+
+use super::SPECIAL;
 
 /// Word of the unconditional prompt, id 0.
 pub const UNCONDITIONAL: &str = "<none>";
@@ -11,6 +15,8 @@ pub const UNCONDITIONAL: &str = "<none>";
 pub const UNKNOWN: &str = "<unknown>";
 /// Rows of the table of times.
 pub const TIMES: usize = 32;
+/// Rows of the table of the strength of guidance: 0, 1, 2, 3, 4.
+pub const STRENGTHS: usize = 5;
 /// Rows of the table of open ends.
 pub const BOUNDARIES: usize = 4;
 
@@ -20,6 +26,8 @@ pub(in crate::checkpoint) const MAX_EXTENT: usize = 1 << 12;
 const MAX_ROWS: usize = 1 << 15;
 /// Most layers.
 pub(in crate::checkpoint) const MAX_LAYERS: usize = 64;
+/// Longest phrase, bytes.
+const MAX_PHRASE: usize = 64;
 /// Longest word, bytes: longer ones are unknown to every vocabulary.
 pub const MAX_WORD: usize = 32;
 /// Longest prompt and longest motion, in words and tokens.
@@ -101,11 +109,39 @@ pub(in crate::checkpoint) fn check_positive(key: &str, value: f64) -> Result<()>
     Err(ErrorKind::Option { key: key.into(), value: value.to_string(), expected: "a positive number".into() })
 }
 
+/// What a sentence may mean.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Meaning {
+    /// Name of the action or style.
+    pub name: String,
+    /// Side that the sentence says.
+    pub side: Side,
+    /// Whether it is a style, not an action.
+    pub style: bool,
+    /// The plainest way to say it, at most 64 bytes.
+    pub phrase: String,
+}
+
 /// Sizes and provenance of a prior (text encoder and planner).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PriorConfig {
     /// Words in the order of their ids, [`UNCONDITIONAL`] and [`UNKNOWN`] first.
     pub vocabulary: Vec<String>,
+    /// Numbers of a word's vector; 0 where every word has an embedding of its own.
+    #[serde(default)]
+    pub word_vectors: usize,
+    /// What prompts may mean, actions before styles; empty where the prior did not learn it.
+    #[serde(default)]
+    pub meanings: Vec<Meaning>,
+    /// Whether the planner is told how strongly it is guided, so that guidance takes one pass.
+    #[serde(default)]
+    pub guidance: bool,
+    /// Probability of the likeliest action from which a prompt counts as understood.
+    #[serde(default = "default_threshold")]
+    pub threshold: f32,
+    /// Tier of each word with a vector: those of a low one are kept first where room is short; empty where nobody knows.
+    #[serde(default)]
+    pub word_tiers: Vec<u8>,
     /// Longest prompt, words.
     pub max_words: usize,
     /// Longest motion, tokens.
@@ -147,6 +183,10 @@ pub struct PriorConfig {
     pub metrics: serde_json::Value,
 }
 
+fn default_threshold() -> f32 {
+    0.5
+}
+
 impl PriorConfig {
     /// Reads the `config` entry of a checkpoint.
     ///
@@ -178,7 +218,58 @@ impl PriorConfig {
         for (key, value) in [("epsilon", self.epsilon), ("c", self.c), ("a", self.a)] {
             check_positive(key, value)?;
         }
-        self.check_vocabulary()
+        self.check_vocabulary()?;
+        self.check_words()?;
+        self.check_meanings()
+    }
+
+    /// Words with vectors stand in the order of their hashes, of which no two are alike.
+    fn check_words(&self) -> Result<()> {
+        if self.word_vectors == 0 {
+            return Ok(());
+        }
+        let group = motionette::kernels::GROUP;
+        if !self.word_vectors.is_multiple_of(group) || self.word_vectors > MAX_EXTENT {
+            let expected = format!("a multiple of {group}, at most {MAX_EXTENT}");
+            let value = self.word_vectors.to_string();
+            return Err(ErrorKind::Option { key: "word_vectors".into(), value, expected });
+        }
+        let words = &self.vocabulary[SPECIAL..];
+        if let Some(pair) = words.windows(2).find(|pair| hash(&pair[0]) >= hash(&pair[1])) {
+            let expected = "words with vectors in the order of their hashes, none of which occurs twice".into();
+            return Err(ErrorKind::Option { key: "vocabulary".into(), value: pair[1].clone(), expected });
+        }
+        if !self.word_tiers.is_empty() && self.word_tiers.len() != words.len() {
+            let (value, expected) = (format!("{} tiers", self.word_tiers.len()), format!("{}", words.len()));
+            return Err(ErrorKind::Option { key: "word_tiers".into(), value, expected });
+        }
+        Ok(())
+    }
+
+    fn check_meanings(&self) -> Result<()> {
+        let refuse = |value: String, expected: &str| {
+            Err(ErrorKind::Option { key: "meanings".into(), value, expected: expected.into() })
+        };
+        let styles = self.meanings.iter().skip_while(|meaning| !meaning.style);
+        if styles.clone().any(|meaning| !meaning.style) || (!self.meanings.is_empty() && self.meanings[0].style) {
+            return refuse("an order".into(), "actions, one at least, before styles");
+        }
+        let long = |phrase: &str| phrase.is_empty() || phrase.len() > MAX_PHRASE || phrase.contains('\n');
+        if let Some(meaning) = self.meanings.iter().find(|meaning| long(&meaning.phrase)) {
+            return refuse(meaning.phrase.clone(), "phrases of 1 to 64 bytes without line breaks");
+        }
+        if self.meanings.len() > motionette::blob::MAX_BANK {
+            return refuse(format!("{} of them", self.meanings.len()), "at most 512");
+        }
+        if !(self.threshold > 0.0 && self.threshold < 1.0) {
+            let value = self.threshold.to_string();
+            return Err(ErrorKind::Option {
+                key: "threshold".into(),
+                value,
+                expected: "a share between 0 and 1".into(),
+            });
+        }
+        Ok(())
     }
 
     fn check_vocabulary(&self) -> Result<()> {

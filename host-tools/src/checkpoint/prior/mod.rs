@@ -8,7 +8,8 @@ pub(super) mod config;
 use std::path::Path;
 
 pub use config::{
-    Activation, BOUNDARIES, Form, MAX_WORD, NormOrder, PriorConfig, Sizes, TIMES, UNCONDITIONAL, UNKNOWN,
+    Activation, BOUNDARIES, Form, MAX_WORD, Meaning, NormOrder, PriorConfig, STRENGTHS, Sizes, TIMES, UNCONDITIONAL,
+    UNKNOWN,
 };
 
 use sha2::{Digest, Sha256};
@@ -16,6 +17,7 @@ use sha2::{Digest, Sha256};
 use super::error::{Error, ErrorKind, Result};
 use super::tensors::TensorMap;
 use super::tokenizer::{Conv1d, TokenizerCheckpoint};
+use super::words::LARGEST;
 use crate::input;
 
 /// Value of `format` in the metadata.
@@ -115,8 +117,8 @@ pub struct Block {
 /// Words to a memory and a distribution over lengths.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TextEncoder {
-    /// A row a word of the vocabulary.
-    pub embedding: Embedding,
+    /// What a word becomes.
+    pub table: WordRows,
     /// A row a place in the prompt.
     pub position: Embedding,
     /// In order of execution.
@@ -125,6 +127,30 @@ pub struct TextEncoder {
     pub norm: LayerNorm,
     /// Pooled memory to a class a length in tokens, class k = k + 1 tokens.
     pub length: Linear,
+    /// Pooled memory to a logit for each of [`PriorConfig::meanings`], where the prior learnt them.
+    pub meaning: Option<Linear>,
+}
+
+/// What words become before their places are added.
+#[derive(Debug, Clone, PartialEq)]
+pub enum WordRows {
+    /// An embedding each.
+    Embedding(Embedding),
+    /// Vectors from elsewhere, through a linear.
+    Vectors(WordVectors),
+}
+
+/// Vectors of words, `numbers * scale`, and what rows become of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WordVectors {
+    /// `[words - 2][dims]`, whole numbers from -7 to 7.
+    pub numbers: Vec<f32>,
+    /// `[words - 2]`, of half precision.
+    pub scales: Vec<f32>,
+    /// Rows of the two words without a vector, the unconditional and the unknown one.
+    pub special: Embedding,
+    /// Vectors to rows.
+    pub projection: Linear,
 }
 
 /// Noisy tokens and a text to logits over clean tokens.
@@ -142,6 +168,8 @@ pub struct Planner {
     pub end: Embedding,
     /// One row, added where a token is fixed.
     pub fixed: Embedding,
+    /// [`STRENGTHS`] rows by the strength of guidance, of a planner that is told it; without them guidance takes two passes.
+    pub guidance: Option<Embedding>,
     /// In order of execution.
     pub layers: Vec<Block>,
     /// Behind the last layer.
@@ -218,6 +246,12 @@ fn of_bytes(bytes: &[u8]) -> Result<PriorCheckpoint> {
     PriorCheckpoint::build(&map, PriorConfig::from_json(&config)?)
 }
 
+/// Words without a vector.
+pub const SPECIAL: usize = 2;
+/// Names of the tensors of words' vectors.
+const VECTORS: &str = "text.vectors.weight";
+const SCALES: &str = "text.scales.weight";
+
 /// Takes tensors out of a map.
 pub(super) struct Builder<'a> {
     pub(super) map: &'a TensorMap,
@@ -238,6 +272,32 @@ impl Builder<'_> {
     pub(super) fn embedding(&self, name: &str, rows: usize, width: usize) -> Result<Embedding> {
         let weight = self.tensor(&format!("{name}.weight"), &[rows, width])?;
         Ok(Embedding { name: name.to_owned(), rows, width, weight })
+    }
+
+    fn word_rows(&self, config: &PriorConfig) -> Result<WordRows> {
+        let (words, dims, dt) = (config.vocabulary.len(), config.word_vectors, config.text.width);
+        if dims == 0 {
+            return Ok(WordRows::Embedding(self.embedding("text.embedding", words, dt)?));
+        }
+        let numbers = self.tensor(VECTORS, &[words - SPECIAL, dims])?;
+        let scales = self.tensor(SCALES, &[words - SPECIAL, 1])?;
+        let refuse =
+            |tensor: &str, what: &str| Err(ErrorKind::Extent { tensor: tensor.to_owned(), what: what.to_owned() });
+        let largest = f32::from(LARGEST);
+        if numbers.iter().any(|number| number.fract() != 0.0 || number.abs() > largest) {
+            return refuse(VECTORS, "holds other numbers than whole ones from -7 to 7");
+        }
+        if scales.iter().any(|scale| *scale <= 0.0 || half::f16::from_f32(*scale).to_f32() != *scale) {
+            return refuse(SCALES, "holds other scales than positive ones of half precision");
+        }
+        let special = self.embedding("text.special", SPECIAL, dt)?;
+        let projection = self.linear("text.projection".into(), dt, dims)?;
+        Ok(WordRows::Vectors(WordVectors { numbers, scales, special, projection }))
+    }
+
+    fn meaning(&self, config: &PriorConfig) -> Result<Option<Linear>> {
+        let (count, dt) = (config.meanings.len(), config.text.width);
+        (count > 0).then(|| self.linear("text.meaning".into(), count, dt)).transpose()
     }
 
     pub(super) fn norm(&self, name: String, width: usize) -> Result<LayerNorm> {
@@ -283,11 +343,12 @@ impl PriorCheckpoint {
         let builder = Builder { map };
         let (dt, d) = (config.text.width, config.planner.width);
         let text = TextEncoder {
-            embedding: builder.embedding("text.embedding", config.vocabulary.len(), dt)?,
+            table: builder.word_rows(&config)?,
             position: builder.embedding("text.position", config.max_words, dt)?,
             layers: builder.layers("text", config.text, None)?,
             norm: builder.norm("text.norm".into(), dt)?,
             length: builder.linear("text.length".into(), config.max_tokens, dt)?,
+            meaning: builder.meaning(&config)?,
         };
         let planner = Planner {
             global: builder.linear("planner.global".into(), d, dt)?,
@@ -296,6 +357,7 @@ impl PriorCheckpoint {
             position: builder.embedding("planner.position", config.max_tokens, d)?,
             end: builder.embedding("planner.end", config.max_tokens, d)?,
             fixed: builder.embedding("planner.fixed", 1, d)?,
+            guidance: config.guidance.then(|| builder.embedding("planner.guidance", STRENGTHS, d)).transpose()?,
             layers: builder.layers("planner", config.planner, Some(dt))?,
             norm: builder.norm("planner.norm".into(), d)?,
             token: builder.linear("planner.token".into(), config.codes, d)?,
@@ -327,7 +389,24 @@ impl PriorCheckpoint {
         Err(ErrorKind::OtherTokenizer { expected: self.config.tokenizer.clone(), actual })
     }
 
-    /// [`weights_hash`] of all tensors: how a control checkpoint names the prior it was trained on.
+    /// The same with those of its words with vectors that `keep` accepts by row and word.
+    #[must_use]
+    pub fn with_words(mut self, keep: impl Fn(usize, &str) -> bool) -> Self {
+        let WordRows::Vectors(vectors) = &mut self.text.table else { return self };
+        let config = &mut self.config;
+        let words = config.vocabulary.split_off(SPECIAL);
+        let kept: Vec<usize> = (0..words.len()).filter(|row| keep(*row, &words[*row])).collect();
+        let dims = config.word_vectors;
+        vectors.numbers = kept.iter().flat_map(|row| &vectors.numbers[row * dims..][..dims]).copied().collect();
+        vectors.scales = kept.iter().map(|row| vectors.scales[*row]).collect();
+        if !config.word_tiers.is_empty() {
+            config.word_tiers = kept.iter().map(|row| config.word_tiers[*row]).collect();
+        }
+        config.vocabulary.extend(kept.iter().map(|row| words[*row].clone()));
+        self
+    }
+
+    /// [`weights_hash`] of all tensors that were trained: how a control checkpoint names the prior it was trained on.
     #[must_use]
     pub fn weights_hash(&self) -> String {
         let parts = self.text_parts().into_iter().chain(self.planner_parts());
@@ -339,9 +418,14 @@ impl PriorCheckpoint {
     #[must_use]
     pub fn text_parts(&self) -> Vec<Part<'_>> {
         let t = &self.text;
-        let mut parts = vec![Part::Embedding(&t.embedding), Part::Embedding(&t.position)];
+        let mut parts = match &t.table {
+            WordRows::Embedding(table) => vec![Part::Embedding(table)],
+            WordRows::Vectors(v) => vec![Part::Embedding(&v.special), Part::Linear(&v.projection)],
+        };
+        parts.push(Part::Embedding(&t.position));
         t.layers.iter().for_each(|b| b.parts(&mut parts));
         parts.extend([Part::Norm(&t.norm), Part::Linear(&t.length)]);
+        parts.extend(t.meaning.as_ref().map(Part::Linear));
         parts
     }
 
@@ -352,6 +436,7 @@ impl PriorCheckpoint {
         let tables = [&p.time, &p.boundary, &p.position, &p.end, &p.fixed];
         let mut parts = vec![Part::Linear(&p.global)];
         parts.extend(tables.map(Part::Embedding));
+        parts.extend(p.guidance.as_ref().map(Part::Embedding));
         p.layers.iter().for_each(|b| b.parts(&mut parts));
         parts.extend([Part::Norm(&p.norm), Part::Linear(&p.token)]);
         parts
@@ -361,12 +446,18 @@ impl PriorCheckpoint {
     #[must_use]
     pub fn parts_mut(&mut self) -> Vec<PartMut<'_>> {
         let (t, p) = (&mut self.text, &mut self.planner);
-        let mut parts = vec![PartMut::Embedding(&mut t.embedding), PartMut::Embedding(&mut t.position)];
+        let mut parts = match &mut t.table {
+            WordRows::Embedding(table) => vec![PartMut::Embedding(table)],
+            WordRows::Vectors(v) => vec![PartMut::Embedding(&mut v.special), PartMut::Linear(&mut v.projection)],
+        };
+        parts.push(PartMut::Embedding(&mut t.position));
         t.layers.iter_mut().for_each(|b| b.parts_mut(&mut parts));
         parts.extend([PartMut::Norm(&mut t.norm), PartMut::Linear(&mut t.length)]);
+        parts.extend(t.meaning.as_mut().map(PartMut::Linear));
         parts.push(PartMut::Linear(&mut p.global));
         let tables = [&mut p.time, &mut p.boundary, &mut p.position, &mut p.end, &mut p.fixed];
         parts.extend(tables.map(PartMut::Embedding));
+        parts.extend(p.guidance.as_mut().map(PartMut::Embedding));
         p.layers.iter_mut().for_each(|b| b.parts_mut(&mut parts));
         parts.extend([PartMut::Norm(&mut p.norm), PartMut::Linear(&mut p.token)]);
         parts

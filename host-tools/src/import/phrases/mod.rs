@@ -137,6 +137,37 @@ impl Phrases {
         self.action(action, Side::None).map_or(0, |(action, _)| action.kinds.iter().map(Vec::len).sum())
     }
 
+    /// Name of the entry of a canonical action, perhaps with `{side}`, and the side that the action's name or else `side` says.
+    #[must_use]
+    pub fn entry(&self, action: &str, side: Side) -> Option<(&str, Side)> {
+        self.action(action, side).map(|(action, side)| (action.name.as_str(), side))
+    }
+
+    /// The plainest sentence for the entry of that name: "a person" and its first verb phrase, which says the side where there is one.
+    /// `None` where no phrase can say that side.
+    #[must_use]
+    pub fn plain(&self, entry: &str, side: Side) -> Option<String> {
+        let action = self.actions.iter().find(|action| action.name == entry)?;
+        let usable = action.usable(DO, side);
+        let sided = matches!(side, Side::Left | Side::Right);
+        let says = |template: &&&str| template.contains("{side}") || template.contains("{clock}");
+        let template = if sided { usable.iter().find(says)? } else { usable.first()? };
+        let sentence = Sentence::plain(self, side);
+        Some(tidy(&format!(
+            "{} {}",
+            sentence.slot("who"),
+            sentence.fill(&first(template), Form::Agree, &mut Stream::new(0))
+        )))
+    }
+
+    /// The plainest way to say a style.
+    #[must_use]
+    pub fn plain_style(&self, name: &str) -> Option<String> {
+        let style = self.styles.iter().find(|style| style.name == name)?;
+        let template = style.adverb.first().or(style.manner.first())?;
+        Some(tidy(&Sentence::plain(self, Side::None).fill(&first(template), Form::Base, &mut Stream::new(0))))
+    }
+
     /// The entry of a canonical action, and the side that its name or else `side` says.
     fn action(&self, name: &str, side: Side) -> Option<(&Action, Side)> {
         self.actions.iter().find_map(|action| {
@@ -229,6 +260,18 @@ impl Action {
             .filter(|template| sided || !asks(template))
             .collect()
     }
+}
+
+/// The template with the first of its alternatives.
+fn first(template: &str) -> String {
+    let mut parts = template.split('(');
+    let mut text = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let (inside, after) = part.split_once(')').unwrap_or((part, ""));
+        text.push_str(inside.split('|').next().unwrap_or_default());
+        text.push_str(after);
+    }
+    text
 }
 
 /// Words of a list.

@@ -41,6 +41,14 @@ impl<'p> Sentence<'p> {
         Sentence { phrases, group, name, whom, spoken, their, side, slots: Vec::new() }
     }
 
+    /// One about the first subject of the first group.
+    pub(super) fn plain(phrases: &'p Phrases, side: Side) -> Self {
+        let group = &phrases.who[0];
+        let name = group.names[0].clone();
+        let whom = group.whom.clone().unwrap_or_else(|| name.clone());
+        Sentence { phrases, group, name, whom, spoken: true, their: &group.their, side, slots: Vec::new() }
+    }
+
     /// Puts a style into one of the frame's places; `false` where none suits.
     pub(super) fn style(&mut self, style: &'p Style, frame: &str, stream: &mut Stream) -> bool {
         let article = ["a ", "an ", "the "].iter().find(|article| self.name.starts_with(*article));
