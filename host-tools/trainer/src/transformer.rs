@@ -42,6 +42,8 @@ pub struct Parameter {
     pub vector: bool,
     /// How it begins.
     pub start: Start,
+    /// Whether it stays as it begins.
+    pub frozen: bool,
 }
 
 impl Parameter {
@@ -100,7 +102,21 @@ impl Layout {
     /// A table of embeddings.
     pub fn embedding(&mut self, name: &str, rows: usize, columns: usize, deviation: f64) {
         let name = format!("{name}.weight");
-        self.parameters.push(Parameter { name, rows, columns, vector: false, start: Start::Normal(deviation) });
+        self.push(name, rows, columns, Start::Normal(deviation));
+    }
+
+    /// A table that comes with the data and is not trained.
+    pub fn constant(&mut self, name: &str, rows: usize, columns: usize) {
+        self.push(format!("{name}.weight"), rows, columns, Start::Zero);
+        self.parameters.iter_mut().last().into_iter().for_each(|parameter| parameter.frozen = true);
+    }
+
+    fn push(&mut self, name: String, rows: usize, columns: usize, start: Start) {
+        self.parameters.push(Parameter { name, rows, columns, vector: false, start, frozen: false });
+    }
+
+    fn vector(&mut self, name: String, columns: usize, start: Start) {
+        self.parameters.push(Parameter { name, rows: 1, columns, vector: true, start, frozen: false });
     }
 
     /// A linear layer whose outputs have the variance of its inputs times `gain` squared.
@@ -113,14 +129,12 @@ impl Layout {
 
     /// A vector of biases.
     pub fn bias(&mut self, name: &str, outputs: usize) {
-        let name = format!("{name}.bias");
-        self.parameters.push(Parameter { name, rows: 1, columns: outputs, vector: true, start: Start::Zero });
+        self.vector(format!("{name}.bias"), outputs, Start::Zero);
     }
 
     /// A layer norm.
     pub fn norm(&mut self, name: &str, width: usize) {
-        let weight = format!("{name}.weight");
-        self.parameters.push(Parameter { name: weight, rows: 1, columns: width, vector: true, start: Start::One });
+        self.vector(format!("{name}.weight"), width, Start::One);
         self.bias(name, width);
     }
 
@@ -173,14 +187,27 @@ impl Layout {
         values
     }
 
+    /// Puts `given` where the parameter called `name` lies in the flat vector; `false` where there is none of that size.
+    pub fn fill(&self, values: &mut [f32], name: &str, given: &[f32]) -> bool {
+        let mut begin = 0;
+        for parameter in &self.parameters {
+            if parameter.name == name && parameter.len() == given.len() {
+                values[begin..][..given.len()].copy_from_slice(given);
+                return true;
+            }
+            begin += parameter.len();
+        }
+        false
+    }
+
     /// For every value whether it belongs to a parameter whose name `chosen` accepts.
     pub fn named(&self, chosen: impl Fn(&str) -> bool) -> Vec<bool> {
         self.parameters.iter().flat_map(|p| std::iter::repeat_n(chosen(&p.name), p.len())).collect()
     }
 
-    /// For every value whether weight decay applies: matrices yes, biases and norms no.
+    /// For every value whether weight decay applies: trained matrices yes, biases and norms no.
     pub fn decayed(&self) -> Vec<bool> {
-        self.parameters.iter().flat_map(|p| std::iter::repeat_n(!p.vector, p.len())).collect()
+        self.parameters.iter().flat_map(|p| std::iter::repeat_n(!p.vector && !p.frozen, p.len())).collect()
     }
 
     /// Adds every parameter of the flat vector as a tensor of its name.
@@ -329,7 +356,7 @@ impl Weights {
         let lay = |(parameter, values): (&Parameter, &[f32])| {
             let data = TensorData::new(values.to_vec(), [parameter.rows, parameter.columns]);
             let tensor = Tensor::from_data(data, device);
-            if tracked { tensor.require_grad() } else { tensor }
+            if tracked && !parameter.frozen { tensor.require_grad() } else { tensor }
         };
         let names = layout.parameters.iter().enumerate();
         Self {
@@ -347,6 +374,11 @@ impl Weights {
     /// Adds the gradients to a flat vector.
     pub fn collect_gradients(&self, gradients: &Gradients, flat: &mut [f32]) {
         add_gradients(self.tensors.iter(), gradients, flat);
+    }
+
+    /// Whether there is a parameter called `name`.
+    pub fn has(&self, name: &str) -> bool {
+        self.places.contains_key(name)
     }
 
     /// The parameter called `name`.

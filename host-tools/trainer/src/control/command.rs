@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use motionette_host::console::remark;
 use motionette_host::dataset::Dataset;
+use motionette_host::import::phrases::Phrases;
 use serde_json::json;
 
 use super::checkpoint;
@@ -13,7 +14,8 @@ use super::state::{Sources, State};
 use super::training::{Corpora, Trainer};
 use crate::harness::options::{finish, with_default};
 use crate::harness::{Length, Options, Run};
-use crate::prior::corpus::{Material, Words};
+use crate::prior::corpus::Material;
+use crate::prior::sentences::Sentences;
 
 /// Trains what a frozen prior is told of anchors.
 #[derive(clap::Args, Clone, Debug)]
@@ -34,6 +36,9 @@ pub struct Args {
     /// Checkpoint of the prior; stays as it is.
     #[arg(long, value_name = "FILE", default_value = "models/nano.prior.safetensors")]
     pub prior: PathBuf,
+    /// Ways to say the actions and styles of the dataset (docs/phrases.toml); without it there are captions alone.
+    #[arg(long, value_name = "FILE")]
+    pub phrases: Option<PathBuf>,
     /// Configuration to begin with: nano or tiny.
     #[arg(long, default_value = "nano")]
     pub preset: String,
@@ -80,9 +85,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let config = args.config()?;
     let dataset = Dataset::load(&args.options.data)?;
     let frozen = Frozen::load(&args.prior, &args.tokenizer)?;
-    let words = Words { vocabulary: frozen.prior.sources.vocabulary(), ..Words::of(&dataset) };
-    let max_words = frozen.prior.config.architecture.max_words;
-    let material = Material { dataset: &dataset, tokenizer: &frozen.tokenizer, words, max_words };
+    let phrases = args.phrases.as_ref().map(Phrases::read).transpose()?;
+    let sentences = Sentences::new(&dataset, None, phrases).of_prior(&frozen.prior.sources);
+    let material = Material { dataset: &dataset, tokenizer: &frozen.tokenizer, sentences };
     let training = material.training()?;
     let sources = Sources::of(&dataset.hash, &frozen);
     let state = args.options.state(&config, &sources, || {

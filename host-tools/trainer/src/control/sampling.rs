@@ -63,7 +63,7 @@ impl Planner {
         settings: &Settings,
     ) -> Vec<u16> {
         let a = &self.frozen.prior.config.architecture;
-        let words = self.vocabulary.encode(text, a.max_words);
+        let words = self.vocabulary.read(text, a.max_words);
         let features: Vec<Vec<f32>> = self
             .control
             .iter()
@@ -77,6 +77,7 @@ impl Planner {
                 t: time as f32,
                 start_open: false,
                 end_open: false,
+                strength: guidance,
             };
             let scaffold = Scaffold { features: &features, lengths: &[z.len()] };
             let control = self.control.as_ref().filter(|_| anchored && !anchors.is_empty());
@@ -94,7 +95,7 @@ impl Planner {
         let said = if words.is_empty() { vec![UNCONDITIONAL] } else { words };
         let logits = |z: &[u16], time: f64| {
             let mut logits = pass(&said, z, time, true);
-            if guidance != 1.0 {
+            if guidance != 1.0 && !self.frozen.prior.sources.guidance {
                 let without = pass(&[UNCONDITIONAL], z, time, false);
                 for (with, without) in logits.iter_mut().zip(without) {
                     *with = without + guidance * (*with - without);

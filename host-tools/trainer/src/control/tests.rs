@@ -14,7 +14,8 @@ use super::sampling::Planner;
 use super::state::{Sources, State};
 use super::training::{Corpora, Trainer};
 use crate::harness::Run;
-use crate::prior::corpus::{Material, Words};
+use crate::prior::corpus::Material;
+use crate::prior::sentences::Sentences;
 use crate::tokenizer::config::FPS;
 use crate::{testing, tokenizer};
 
@@ -61,8 +62,8 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
     let config = args.options.configured(Config::preset("tiny").unwrap()).unwrap();
     let dataset = Dataset::load(&args.options.data).unwrap();
     let frozen = Frozen::load(&args.prior, &args.tokenizer).unwrap();
-    let words = Words { vocabulary: frozen.prior.sources.vocabulary(), ..Words::of(&dataset) };
-    let material = Material { dataset: &dataset, tokenizer: &frozen.tokenizer, words, max_words: 12 };
+    let sentences = Sentences::new(&dataset, None, None).of_prior(&frozen.prior.sources);
+    let material = Material { dataset: &dataset, tokenizer: &frozen.tokenizer, sentences };
     testing::assert_resumes(|| {
         let training = material.training().unwrap();
         let sources = Sources::of(&dataset.hash, &frozen);

@@ -87,7 +87,7 @@ pub fn measure(state: &State, frozen: &Frozen, corpus: &Corpus<'_>, metric: &Met
     let examples: Vec<Vec<Labelled>> = TIMES
         .iter()
         .map(|t| {
-            let all = corpus.whole(metric, *t);
+            let all = corpus.whole(metric, architecture.max_words, *t);
             let step = all.len().div_ceil(limit.max(1)).max(1);
             all.into_iter().step_by(step).collect()
         })

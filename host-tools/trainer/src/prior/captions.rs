@@ -1,11 +1,9 @@
-//! Sentences for training: their words, their mirror images, and paraphrases of template captions.
+//! Words of sentences, and their mirror images.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use motionette::text::words::Words;
-use motionette_host::dataset::ClipView;
-
-use crate::random::Random;
+use motionette_host::reference::text;
 
 /// Id of the empty prompt, the unconditional side of guidance.
 pub const UNCONDITIONAL: usize = 0;
@@ -18,30 +16,48 @@ pub fn words(text: &str) -> Vec<String> {
 }
 
 /// Known words in the order of their ids.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Vocabulary {
     /// Words; 0 is the empty prompt, 1 the unknown word.
     pub words: Vec<String>,
     ids: BTreeMap<String, usize>,
+    /// The same words, found in other forms as well.
+    forms: text::Vocabulary,
+}
+
+impl PartialEq for Vocabulary {
+    fn eq(&self, other: &Self) -> bool {
+        self.words == other.words
+    }
 }
 
 impl Vocabulary {
     /// Of all words of these sentences, in alphabetic order.
     pub fn of<'t>(sentences: impl Iterator<Item = &'t str>) -> Self {
         let found: BTreeSet<String> = sentences.flat_map(words).collect();
-        Self::new(["<none>", "<unknown>"].map(String::from).into_iter().chain(found).collect())
+        Self::with(found.into_iter())
+    }
+
+    /// Of these words, behind the empty prompt and the unknown word.
+    pub fn with(words: impl Iterator<Item = String>) -> Self {
+        Self::new(["<none>", "<unknown>"].map(String::from).into_iter().chain(words).collect())
     }
 
     /// Of words in the order of their ids.
     pub fn new(words: Vec<String>) -> Self {
         let ids = words.iter().enumerate().map(|(id, word)| (word.clone(), id)).collect();
-        Self { words, ids }
+        Self { ids, forms: text::Vocabulary::new(&words), words }
     }
 
-    /// Ids of a sentence's words, at most `limit`.
+    /// Ids of a sentence's words, at most `limit`; words stand for themselves alone.
     pub fn encode(&self, text: &str, limit: usize) -> Vec<usize> {
         let id = |word: String| self.ids.get(&word).copied().unwrap_or(UNKNOWN);
         words(text).into_iter().take(limit).map(id).collect()
+    }
+
+    /// Ids of a sentence's words, at most `limit`, as a device finds them: in other forms as well.
+    pub fn read(&self, text: &str, limit: usize) -> Vec<usize> {
+        self.forms.read(text).ids.into_iter().take(limit).map(usize::from).collect()
     }
 }
 
@@ -62,94 +78,9 @@ pub fn mirrored(text: &str) -> String {
     words(text).iter().map(|word| other(word)).collect::<Vec<_>>().join(" ")
 }
 
-/// Adjectives for the style names of the label templates.
-const ADJECTIVES: [(&str, &[&str]); 19] = [
-    ("active", &["energetic", "lively", "active"]),
-    ("normal", &[""]),
-    ("feminine", &["feminine"]),
-    ("youthful", &["youthful", "young"]),
-    ("masculine", &["masculine"]),
-    ("masculinity", &["masculine"]),
-    ("exhausted", &["exhausted", "tired", "weary"]),
-    ("tired", &["tired"]),
-    ("elderly", &["elderly", "old"]),
-    ("old", &["old", "elderly"]),
-    ("angry", &["angry", "furious"]),
-    ("childish", &["childish"]),
-    ("giant", &["giant", "huge"]),
-    ("happy", &["happy", "cheerful"]),
-    ("musical", &["musical"]),
-    ("not-confident", &["timid", "unsure", "shy"]),
-    ("proud", &["proud"]),
-    ("chimpira", &["thuggish"]),
-    ("sad", &["sad", "unhappy"]),
-];
-/// Who may move.
-const NOUNS: [&str; 6] = ["person", "human", "figure", "robot", "character", "man"];
-/// How the templates begin.
-const SUBJECTS: [&str; 4] = ["a person ", "the person ", "someone ", "a figure "];
-/// How the templates say that nothing is special.
-const PLAIN: [&str; 3] = [" naturally", " in a normal way", " in a normal manner"];
-
-/// Other ways to say what template captions say: the style as an adjective of the subject, or no subject at all, as a command.
-#[derive(Clone, Debug, Default)]
-pub struct Paraphrases {
-    /// Style-free predicates of every content.
-    predicates: BTreeMap<String, Vec<String>>,
-}
-
-fn predicate(caption: &str) -> Option<&str> {
-    let caption = caption.trim_end_matches('.');
-    SUBJECTS.iter().find_map(|subject| caption.strip_prefix(subject))
-}
-
-impl Paraphrases {
-    /// Learns the predicates from clips with an action in the style `normal`.
-    pub fn of<'d>(clips: impl Iterator<Item = ClipView<'d>>) -> Self {
-        let mut predicates: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-        for clip in clips.filter(|clip| clip.info.style() == Some("normal")) {
-            let Some(content) = clip.info.action() else { continue };
-            let found = clip.info.captions.iter().filter_map(|caption| predicate(&caption.text));
-            let bare = found.map(|p| PLAIN.iter().find_map(|plain| p.strip_suffix(plain)).unwrap_or(p).to_owned());
-            predicates.entry(content.to_owned()).or_default().extend(bare);
-        }
-        Self { predicates: predicates.into_iter().map(|(c, set)| (c, set.into_iter().collect())).collect() }
-    }
-
-    /// All words that a paraphrase may use.
-    pub fn words(&self) -> impl Iterator<Item = &str> {
-        let adjectives = ADJECTIVES.iter().flat_map(|(_, words)| words.iter().copied());
-        let used = adjectives.chain(NOUNS).chain(["a", "an"]);
-        used.filter(|_| !self.predicates.is_empty())
-    }
-
-    /// `caption` said in another way, drawn at random; itself where the labels allow none.
-    pub fn draw(&self, clip: &ClipView<'_>, caption: &str, random: &mut Random) -> String {
-        let choice = random.below(20);
-        if choice < 3 {
-            return predicate(caption).unwrap_or(caption).to_owned();
-        }
-        let style = ADJECTIVES.iter().find(|(style, _)| Some(*style) == clip.info.style());
-        let predicates = clip.info.action().and_then(|content| self.predicates.get(content));
-        let (Some((_, adjectives)), Some(predicates), true) = (style, predicates, choice < 8) else {
-            return caption.to_owned();
-        };
-        let adjective = adjectives[random.below(adjectives.len())];
-        let noun = NOUNS[random.below(NOUNS.len())];
-        let predicate = &predicates[random.below(predicates.len())];
-        let article = if adjective.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
-        if adjective.is_empty() {
-            format!("a {noun} {predicate}")
-        } else {
-            format!("{article} {adjective} {noun} {predicate}")
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing;
 
     #[test]
     fn sentences_become_ids_and_unknown_words_are_marked() {
@@ -157,6 +88,8 @@ mod tests {
         assert_eq!(vocabulary.words, ["<none>", "<unknown>", "a", "it's", "over", "person", "waves"]);
         assert_eq!(vocabulary.encode("It's a PERSON, juggling!", 9), [3, 2, 5, UNKNOWN]);
         assert_eq!(vocabulary.encode("a person waves", 2), [2, 5]);
+        assert_eq!(vocabulary.encode("a persons", 2), [2, UNKNOWN]);
+        assert_eq!(vocabulary.read("a persons waves", 2), [2, 5]);
     }
 
     #[test]
@@ -164,33 +97,5 @@ mod tests {
         let text = "walks left then waves the right hand";
         assert_eq!(mirrored(text), "walks right then waves the left hand");
         assert_eq!(mirrored(&mirrored(text)), text);
-    }
-
-    #[test]
-    fn paraphrases_keep_action_and_style() {
-        let mut dataset = testing::dataset(2, 20);
-        for (clip, (style, text)) in dataset.clips.iter_mut().zip([
-            ("normal", "a person waves the left hand in a normal way."),
-            ("exhausted", "someone waves the left hand as if exhausted."),
-        ]) {
-            clip.labels = serde_json::json!({"content": "wave-left-hand", "style": style});
-            clip.captions = vec![motionette_host::dataset::Caption {
-                text: text.into(),
-                from: 0.0,
-                to: 0.0,
-                source: "label_template".into(),
-            }];
-        }
-        let paraphrases = Paraphrases::of(dataset.iter());
-        let clip = dataset.clip(1);
-        let mut random = Random::new(1, 1);
-        let said: BTreeSet<String> =
-            (0..2000).map(|_| paraphrases.draw(&clip, &clip.info.captions[0].text, &mut random)).collect();
-        assert!(said.contains("a weary robot waves the left hand"), "{said:?}");
-        assert!(said.contains("waves the left hand as if exhausted"), "{said:?}");
-        let known = Vocabulary::of(
-            paraphrases.words().chain(dataset.iter().flat_map(|c| c.info.captions.iter().map(|c| c.text.as_str()))),
-        );
-        assert!(said.iter().all(|s| s.contains("left hand") && !known.encode(s, 99).contains(&UNKNOWN)), "{said:?}");
     }
 }

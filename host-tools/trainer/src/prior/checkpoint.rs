@@ -37,6 +37,13 @@ pub fn save(state: &State, path: &Path, report: &Report) -> Result<(), Error> {
     let a = &config.architecture;
     let facts = json!({
         "vocabulary": sources.vocabulary,
+        "word_vectors": sources.word_vectors,
+        "word_tiers": sources.word_tiers,
+        "meanings": sources.meanings,
+        "guidance": sources.guidance,
+        "threshold": report.understanding.map_or(0.5, |understanding| understanding.threshold),
+        "teacher": sources.teacher,
+        "phrases": sources.phrases,
         "max_words": a.max_words,
         "max_tokens": MAX_TOKENS,
         "codes": sources.codes,

@@ -1,17 +1,24 @@
 //! `motionette-train prior`: trains or resumes a prior.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, ensure};
 
 use motionette_host::checkpoint::prior::codebook_hash;
+use motionette_host::checkpoint::{WordTable, file_hash};
 use motionette_host::console::remark;
 use motionette_host::dataset::Dataset;
+use motionette_host::import::phrases::Phrases;
+use motionette_host::input;
 use serde_json::json;
 
+use super::checkpoint;
 use super::config::Config;
-use super::corpus::{Material, Words};
+use super::corpus::Material;
 use super::corruption::Metric;
+use super::sentences::Sentences;
 use super::state::{Sources, State};
-use super::training::Trainer;
+use super::training::{Teacher, Trainer};
 use crate::harness::options::{finish, with_default};
 use crate::harness::{Length, Options, Run};
 use crate::tokenizer::checkpoint::Checkpoint;
@@ -30,9 +37,35 @@ pub struct Args {
     /// Checkpoint of the tokenizer whose tokens are planned.
     #[arg(long, value_name = "FILE", default_value = "models/nano.safetensors")]
     pub tokenizer: PathBuf,
-    /// Configuration to begin with: nano, micro or tiny.
+    /// Ways to say the actions and styles of the dataset (docs/phrases.toml); without it there are captions alone.
+    #[arg(long, value_name = "FILE")]
+    pub phrases: Option<PathBuf>,
+    /// Vectors of words (models/words.safetensors); without them the captions' words are known alone.
+    #[arg(long, value_name = "FILE")]
+    pub words: Option<PathBuf>,
+    /// Prompts for tests, a JSON object with `text` a line (docs/prompts-test.jsonl): none of them is said in training.
+    #[arg(long, value_name = "FILE")]
+    pub hold_out: Option<PathBuf>,
+    /// A prior whose two passes with guidance are learnt in one: the run begins with its weights, words and meanings.
+    #[arg(long, value_name = "FILE", conflicts_with = "words")]
+    pub teacher: Option<PathBuf>,
+    /// Configuration to begin with: nano, micro or tiny; with a teacher it is the teacher's.
     #[arg(long, default_value = "nano")]
     pub preset: String,
+}
+
+/// The texts of prompts in JSON lines.
+fn texts(path: &Path) -> anyhow::Result<Vec<String>> {
+    let context = || format!("cannot read the prompts in {}", path.display());
+    let lines = input::read_text(path, input::WRITTEN).with_context(context)?;
+    let prompts =
+        lines.lines().map(str::trim).enumerate().filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
+    let text =
+        |line: &str| Some(serde_json::from_str::<serde_json::Value>(line).ok()?.get("text")?.as_str()?.to_owned());
+    let named = |(at, line): (usize, &str)| {
+        text(line).with_context(|| format!("{} line {}: no JSON object with a `text`", path.display(), at + 1))
+    };
+    prompts.map(named).collect()
 }
 
 const SET: &str = "Changes one setting, e.g. `dropout=0.2` or `architecture.planner.layers=6`; may be repeated";
@@ -43,31 +76,63 @@ const SET: &str = "Changes one setting, e.g. `dropout=0.2` or `architecture.plan
 /// Anything that is wrong with arguments, files or the run, with context.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     args.length.check()?;
-    let config = args.options.configured(Config::preset(&args.preset)?)?;
+    let teacher = args.teacher.as_deref().map(checkpoint::load).transpose()?;
+    let begin = teacher.as_ref().map_or_else(|| Config::preset(&args.preset), |teacher| Ok(teacher.config.clone()))?;
+    let config = args.options.configured(begin)?;
     let dataset = Dataset::load(&args.options.data)?;
     let tokenizer = Checkpoint::load(&args.tokenizer)?;
-    let words = Words::of(&dataset);
+    let table = args.words.as_deref().map(WordTable::read).transpose()?;
+    let phrases = args.phrases.as_ref().map(Phrases::read).transpose()?;
+    let held_out = args.hold_out.as_deref().map(texts).transpose()?.unwrap_or_default();
+    let sentences = Sentences::new(&dataset, table.as_ref(), phrases).without(held_out.iter().map(String::as_str));
     let codes = &tokenizer.config.architecture;
-    let sources = Sources {
+    let sentences = match &teacher {
+        Some(teacher) => sentences.of_prior(&teacher.sources),
+        None => sentences,
+    };
+    let mut sources = Sources {
         data_hash: dataset.hash.clone(),
         tokenizer: codebook_hash(&tokenizer.codebook),
         codes: codes.codes,
         code_dim: codes.code_dim,
-        vocabulary: words.vocabulary.words.clone(),
+        vocabulary: sentences.vocabulary.words.clone(),
+        word_vectors: table.as_ref().map_or(0, |table| table.dims),
+        word_tiers: table.as_ref().map_or_else(Vec::new, |table| table.tiers.clone()),
+        meanings: sentences.meanings.clone(),
+        phrases: args.phrases.as_deref().map(file_hash).transpose()?,
+        guidance: false,
+        teacher: None,
     };
-    let state = args.options.state(&config, &sources, || Ok(State::begin(&config, sources.clone())))?;
-    let max_words = config.architecture.max_words;
-    let material = Material { dataset: &dataset, tokenizer: &tokenizer, words, max_words };
+    if let (Some(teacher), Some(path)) = (&teacher, &args.teacher) {
+        let own = &teacher.sources;
+        ensure!(!own.guidance, "{} takes one pass already; give the prior that it was made from", path.display());
+        ensure!(own.tokenizer == sources.tokenizer, "{} plans the tokens of another tokenizer", path.display());
+        sources.word_vectors = own.word_vectors;
+        sources.word_tiers.clone_from(&own.word_tiers);
+        sources.guidance = true;
+        sources.teacher = Some(file_hash(path)?);
+    }
+    let state = args.options.state(&config, &sources, || {
+        Ok(match &teacher {
+            Some(teacher) => State::after(&config, sources.clone(), teacher),
+            None => State::begin(&config, sources.clone(), table.as_ref()),
+        })
+    })?;
+    let material = Material { dataset: &dataset, tokenizer: &tokenizer, sentences };
     let training = material.training()?;
     remark(&format!(
-        "{} motions with their mirrored twins, {} tokens, {} words, {} parameters",
+        "{} motions with their mirrored twins, {} tokens, {} words, {} meanings, {} parameters",
         training.motions(),
         training.tokens(),
         sources.vocabulary.len(),
+        sources.meanings.len(),
         state.optimizer.values.len(),
     ));
     let metric = Metric::new(&tokenizer.codebook, codes.code_dim, config.c, config.a);
-    let trainer = Trainer::new(sources.layout(&config), training, material.held_out()?, metric);
+    let mut trainer = Trainer::new(sources.layout(&config), training, material.held_out()?, metric);
+    if let Some(teacher) = &teacher {
+        trainer = trainer.taught(Teacher::new(teacher));
+    }
     let mut run = Run::new(trainer, state)?;
     let evaluation = run.train(&args.options, args.length)?;
     finish(args.options.json, &run.facts(&args.options, json!({"validation": evaluation.report})))

@@ -67,6 +67,21 @@ pub struct Config {
     pub fixed: f64,
     /// Weight of the length head's cross-entropy.
     pub length: f32,
+    /// Share of sentences that are phrases, where there are some for the motion, not captions.
+    #[serde(default)]
+    pub phrases: f64,
+    /// Share of examples that are two motions of different actions, one after the other.
+    #[serde(default)]
+    pub sequences: f64,
+    /// How far rare actions are drawn more often: by their number to the power of minus this; 0 for as often as they come.
+    #[serde(default)]
+    pub balance: f64,
+    /// Weight of the cross-entropies of what sentences mean.
+    #[serde(default)]
+    pub meaning: f32,
+    /// Sentences without a meaning in a step, beside the batch.
+    #[serde(default)]
+    pub nonsense: usize,
 }
 
 impl Config {
@@ -94,6 +109,11 @@ impl Config {
             joins: 0.1,
             fixed: 0.25,
             length: 0.1,
+            phrases: 0.75,
+            sequences: 0.1,
+            balance: 0.5,
+            meaning: 0.05,
+            nonsense: 16,
         };
         match name {
             "nano" => Ok(nano),
@@ -136,10 +156,17 @@ impl Configuration for Config {
             ("crops", self.crops),
             ("joins", self.joins),
             ("fixed", self.fixed),
+            ("phrases", self.phrases),
+            ("sequences", self.sequences),
+            ("balance", self.balance),
         ] {
             require((0.0..=1.0).contains(&share), field, share, "0 to 1")?;
         }
-        require(self.length >= 0.0 && self.length.is_finite(), "length", self.length, "0 or more")
+        require(self.nonsense <= 4096, "nonsense", self.nonsense, "at most 4096")?;
+        for (field, weight) in [("length", self.length), ("meaning", self.meaning)] {
+            require(weight >= 0.0 && weight.is_finite(), field, weight, "0 or more")?;
+        }
+        Ok(())
     }
 
     fn schedule(&self) -> schedule::Settings {

@@ -12,10 +12,10 @@ use motionette_host::reference::recover::{self, CHANNELS};
 use motionette_host::reference::scaffold::{Statistics, VALUES};
 
 use super::Error;
-use super::captions::{Paraphrases, UNCONDITIONAL, UNKNOWN, Vocabulary, mirrored};
 use super::config::{Config, MAX_TOKENS};
 use super::corruption::Metric;
 use super::model::Example;
+use super::sentences::{Said, Sentences};
 use crate::random::Random;
 use crate::tokenizer::checkpoint::Checkpoint;
 use crate::tokenizer::config::{FEATURES, FRAMES_PER_TOKEN};
@@ -26,6 +26,14 @@ use crate::tokenizer::quantizer::nearest;
 const POOL: u64 = 8;
 /// Candidates of which the best continuation of a joined motion is taken.
 const CONTINUATIONS: usize = 12;
+/// Tokens that a sequence shows of each of its motions, 1 s.
+const LEAST_OF_EACH: usize = 5;
+/// Sentences about each motion that are measured.
+const SENTENCES: usize = 4;
+/// The style that is none.
+const NORMAL: &str = "normal";
+/// Streams of random numbers of sentences that mean nothing.
+const NONSENSE_STREAM: u64 = 1 << 42;
 
 /// A clip or its mirrored twin.
 struct Motion {
@@ -53,6 +61,8 @@ pub struct Labelled {
     pub clean: Vec<u16>,
     /// Length of the whole motion, where it is shown whole.
     pub length: Option<usize>,
+    /// What its sentence means, where that is known.
+    pub meanings: Option<Vec<usize>>,
     /// Where every token is from.
     places: Vec<Place>,
 }
@@ -64,38 +74,14 @@ struct Place {
     frame: usize,
 }
 
-/// Words and turns of phrase of a dataset's training split, their mirror images included.
-#[derive(Clone, Debug)]
-pub struct Words {
-    /// Words that have an id.
-    pub vocabulary: Vocabulary,
-    /// Other ways to say what the captions say.
-    pub paraphrases: Paraphrases,
-}
-
-impl Words {
-    /// Of the captions of the training split.
-    pub fn of(dataset: &Dataset) -> Self {
-        let paraphrases = Paraphrases::of(dataset.split(Split::Train));
-        let captions: Vec<String> = dataset
-            .split(Split::Train)
-            .flat_map(|clip| clip.info.captions.iter().flat_map(|c| [c.text.clone(), mirrored(&c.text)]))
-            .collect();
-        let vocabulary = Vocabulary::of(captions.iter().map(String::as_str).chain(paraphrases.words()));
-        Self { vocabulary, paraphrases }
-    }
-}
-
 /// What examples are made from.
 pub struct Material<'d> {
     /// Clips.
     pub dataset: &'d Dataset,
     /// What makes tokens of them.
     pub tokenizer: &'d Checkpoint,
-    /// What makes sentences of their captions.
-    pub words: Words,
-    /// Words of a sentence that are read.
-    pub max_words: usize,
+    /// What is said of them.
+    pub sentences: Sentences,
 }
 
 impl<'d> Material<'d> {
@@ -123,8 +109,9 @@ pub struct Corpus<'d> {
     motions: Vec<Motion>,
     /// Motions of the same labels and the same side.
     alike: BTreeMap<(Label<'d>, bool), Vec<usize>>,
-    words: Words,
-    max_words: usize,
+    sentences: Sentences,
+    /// Motions of the same action and side, twins apart, by action.
+    by_action: Vec<Vec<usize>>,
 }
 
 impl<'d> Corpus<'d> {
@@ -153,18 +140,22 @@ impl<'d> Corpus<'d> {
         let all: Vec<(usize, bool)> = indices.iter().flat_map(|i| sides.iter().map(|side| (*i, *side))).collect();
         let mut motions = Vec::with_capacity(all.len());
         let mut alike: BTreeMap<(Label<'d>, bool), Vec<usize>> = BTreeMap::new();
+        let mut by_action: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         for ((clip, mirrored), features) in all.iter().zip(parallel::map(&all, features)) {
             let features = features?;
             let channels = features.chunks_exact(FEATURES).flat_map(|row| &row[..CHANNELS]).copied().collect();
             let features = tokenizer.normalization.apply(&features);
             let encode = |first: usize| tokens(tokenizer, &network, &features[first * FEATURES..], &device);
             let phases: Vec<Vec<u16>> = (0..FRAMES_PER_TOKEN).map(encode).filter(|tokens| !tokens.is_empty()).collect();
+            // Those that nobody named are a group of their own.
+            by_action.entry(dataset.clips[*clip].action().unwrap_or_default()).or_default().push(motions.len());
             if let Some(label) = dataset.clips[*clip].label() {
                 alike.entry((label, *mirrored)).or_default().push(motions.len());
             }
             motions.push(Motion { clip: *clip, mirrored: *mirrored, phases, channels });
         }
-        Ok(Self { dataset, motions, alike, words: material.words.clone(), max_words: material.max_words })
+        let by_action = by_action.into_values().collect();
+        Ok(Self { dataset, motions, alike, sentences: material.sentences.clone(), by_action })
     }
 
     /// Motions, twins included.
@@ -202,8 +193,9 @@ impl<'d> Corpus<'d> {
     /// The batch of a step: drawn with the other steps of its pool, sorted by length, every step a stretch of them.
     pub fn batch(&self, config: &Config, metric: &Metric, step: u64) -> Vec<Labelled> {
         let mut random = Random::new(config.seed, step / POOL);
+        let shares = self.shares(config);
         let mut pool: Vec<Labelled> =
-            (0..config.batch * POOL as usize).map(|_| self.draw(config, metric, &mut random)).collect();
+            (0..config.batch * POOL as usize).map(|_| self.draw(config, metric, &shares, &mut random)).collect();
         pool.sort_by_key(|labelled| labelled.clean.len());
         let mut order: Vec<usize> = (0..POOL as usize).collect();
         for i in (1..order.len()).rev() {
@@ -214,17 +206,22 @@ impl<'d> Corpus<'d> {
     }
 
     /// One example: a motion, perhaps joined, perhaps cropped, perhaps with fixed tokens, corrupted at a random time.
-    fn draw(&self, config: &Config, metric: &Metric, random: &mut Random) -> Labelled {
-        let index = random.below(self.motions.len());
+    fn draw(&self, config: &Config, metric: &Metric, shares: &[f64], random: &mut Random) -> Labelled {
+        let index = self.pick(shares, random);
         let motion = &self.motions[index];
         let mut pieces = self.pieces(index, random.below(motion.phases.len()));
-        let mut joined = false;
-        if random.unit() < config.joins {
+        let (mut joined, mut said) = (false, None);
+        if config.sequences > 0.0 && random.unit() < config.sequences {
+            said = self.sequence(index, &mut pieces, metric, shares, config, random);
+            joined = said.is_some();
+        } else if random.unit() < config.joins {
             joined = self.join(motion, &mut pieces, metric, random);
         }
+        // Of one that is a sequence of actions all is shown.
+        let crops = if said.is_some() { 0.0 } else { config.crops };
         let whole = pieces.len();
         let (mut start, mut end) = (0, whole);
-        if whole > MAX_TOKENS || (random.unit() < config.crops && whole > 4) {
+        if whole > MAX_TOKENS || (random.unit() < crops && whole > 4) {
             let shortest = 4.min(whole);
             let length = shortest + random.below(whole.min(MAX_TOKENS) - shortest + 1);
             let length = if whole > MAX_TOKENS { length.max(MAX_TOKENS / 2) } else { length };
@@ -241,10 +238,13 @@ impl<'d> Corpus<'d> {
         let fixed = fixed(clean.len(), random.unit() < config.fixed, random);
         let t = random.unit() as f32;
         let z = clean.iter().zip(&fixed).map(|(c, f)| if *f { *c } else { metric.corrupt(*c, t, random) }).collect();
-        let words = self.sentence(motion, config, random);
-        let length = (start == 0 && end == whole && !joined).then_some(whole);
-        let example = Example { words, z, fixed, t, start_open: start > 0, end_open: end < whole };
-        Labelled { example, clean, length, places }
+        let sequence = said.is_some();
+        let said = said
+            .unwrap_or_else(|| self.sentences.draw(&self.dataset.clip(motion.clip), motion.mirrored, config, random));
+        let length = (start == 0 && end == whole && (sequence || !joined)).then_some(whole);
+        let example =
+            Example { words: said.words, z, fixed, t, start_open: start > 0, end_open: end < whole, strength: 1.0 };
+        Labelled { example, clean, length, meanings: said.meanings, places }
     }
 
     /// The tokens of a motion from frame `phase` on.
@@ -288,40 +288,97 @@ impl<'d> Corpus<'d> {
         true
     }
 
-    fn sentence(&self, motion: &Motion, config: &Config, random: &mut Random) -> Vec<usize> {
-        if random.unit() < config.text_dropout {
-            return vec![UNCONDITIONAL];
+    /// Running sum of how often motions of each action are drawn.
+    fn shares(&self, config: &Config) -> Vec<f64> {
+        let mut sum = 0.0;
+        let add = |motions: &Vec<usize>| {
+            sum += (motions.len() as f64).powf(1.0 - config.balance);
+            sum
+        };
+        self.by_action.iter().map(add).collect()
+    }
+
+    /// A motion: its action by `shares`, then any of that action.
+    fn pick(&self, shares: &[f64], random: &mut Random) -> usize {
+        let at = random.unit() * shares.last().copied().unwrap_or_default();
+        let group = &self.by_action[shares.partition_point(|sum| *sum <= at).min(shares.len() - 1)];
+        group[random.below(group.len())]
+    }
+
+    /// Lets a motion of another action follow where its tokens go on best; what is said of the two, or nothing where nothing follows. Both
+    /// are as long as they are, or cut where together they would be too long.
+    fn sequence(
+        &self,
+        first: usize,
+        pieces: &mut Vec<Piece>,
+        metric: &Metric,
+        shares: &[f64],
+        config: &Config,
+        random: &mut Random,
+    ) -> Option<Said> {
+        let clip = |index: usize| self.dataset.clip(self.motions[index].clip);
+        let action = |index: usize| clip(index).info.action();
+        let plain = |index: usize| clip(index).info.style().is_none_or(|style| style == NORMAL);
+        if !plain(first) || pieces.len() < LEAST_OF_EACH {
+            return None;
         }
-        let clip = self.dataset.clip(motion.clip);
-        let caption = &clip.info.captions[random.below(clip.info.captions.len())].text;
-        let text = self.words.paraphrases.draw(&clip, caption, random);
-        let text = if motion.mirrored { mirrored(&text) } else { text };
-        let mut words = self.words.vocabulary.encode(&text, self.max_words);
-        for word in &mut words {
-            if random.unit() < config.word_dropout {
-                *word = UNKNOWN;
+        // As much of the first as leaves room for the second.
+        let most = MAX_TOKENS / 2 + random.below(MAX_TOKENS / 4);
+        let kept = if pieces.len() > most { most } else { pieces.len() };
+        let last = pieces.get(kept - 1)?.token;
+        let room = MAX_TOKENS - kept;
+        let mut best: Option<(f32, [usize; 3])> = None;
+        for _ in 0..CONTINUATIONS {
+            let index = self.pick(shares, random);
+            if action(index) == action(first) || !plain(index) {
+                continue;
+            }
+            let phase = random.below(self.motions[index].phases.len());
+            let tokens = &self.motions[index].phases[phase];
+            for begin in 0..=tokens.len() / 3 {
+                let distance = tokens.get(begin).map_or(f32::INFINITY, |token| metric.distance(last, *token));
+                if tokens.len() >= begin + LEAST_OF_EACH && best.is_none_or(|(least, _)| distance < least) {
+                    best = Some((distance, [index, phase, begin]));
+                }
             }
         }
-        if words.is_empty() { vec![UNCONDITIONAL] } else { words }
+        let (_, [second, phase, begin]) = best?;
+        let twins = [first, second].map(|index| (clip(index), self.motions[index].mirrored));
+        let said = self.sentences.sequence([(&twins[0].0, twins[0].1), (&twins[1].0, twins[1].1)], config, random)?;
+        pieces.truncate(kept);
+        let rest = self.pieces(second, phase);
+        pieces.extend(rest.into_iter().skip(begin).take(room));
+        Some(said)
+    }
+
+    /// At most `count` sentences that mean nothing, of a step's random numbers.
+    pub fn nonsense(&self, config: &Config, step: u64, count: usize) -> Vec<Said> {
+        let mut random = Random::new(config.seed, NONSENSE_STREAM + step);
+        (0..count).filter_map(|_| self.sentences.nonsense(&mut random)).collect()
+    }
+
+    /// A few sentences about each motion whose action is known, every word as it was said.
+    pub fn sentences(&self, config: &Config, random: &mut Random) -> Vec<Said> {
+        let config = Config { text_dropout: 0.0, word_dropout: 0.0, ..config.clone() };
+        let motions = self.motions.iter().flat_map(|motion| std::iter::repeat_n(motion, SENTENCES));
+        let said = motions.map(|m| self.sentences.draw(&self.dataset.clip(m.clip), m.mirrored, &config, random));
+        said.filter(|said| said.meanings.is_some()).collect()
     }
 
     /// Every whole motion of at most [`MAX_TOKENS`] with its first caption, corrupted at time `t`: the same for every call.
-    pub fn whole(&self, metric: &Metric, t: f32) -> Vec<Labelled> {
+    pub fn whole(&self, metric: &Metric, max_words: usize, t: f32) -> Vec<Labelled> {
         let mut examples = Vec::new();
         for (index, motion) in self.motions.iter().enumerate() {
             let clean: Vec<u16> = motion.phases[0].iter().copied().take(MAX_TOKENS).collect();
             let mut random = Random::new(index as u64, u64::from(t.to_bits()));
             let z = clean.iter().map(|c| metric.corrupt(*c, t, &mut random)).collect();
-            let text = &self.dataset.clips[motion.clip].captions[0].text;
-            let text = if motion.mirrored { mirrored(text) } else { text.clone() };
-            let words = self.words.vocabulary.encode(&text, self.max_words);
-            let words = if words.is_empty() { vec![UNCONDITIONAL] } else { words };
+            let words = self.sentences.first(&self.dataset.clip(motion.clip), motion.mirrored, max_words);
             let end_open = motion.phases[0].len() > MAX_TOKENS;
             let fixed = vec![false; clean.len()];
             let length = (!end_open).then_some(clean.len());
-            let example = Example { words, z, fixed, t, start_open: false, end_open };
+            let example = Example { words, z, fixed, t, start_open: false, end_open, strength: 1.0 };
             let places = (0..clean.len()).map(|i| Place { motion: index, frame: FRAMES_PER_TOKEN * i }).collect();
-            examples.push(Labelled { example, clean, length, places });
+            examples.push(Labelled { example, clean, length, meanings: None, places });
         }
         examples.sort_by_key(|labelled| labelled.clean.len());
         examples
@@ -381,7 +438,8 @@ mod tests {
         testing::prepare_tokenizer(folder.path());
         let tokenizer = Checkpoint::load(&folder.path().join("tokenizer.safetensors")).unwrap();
         let groups = |dataset: &Dataset| {
-            let material = Material { dataset, tokenizer: &tokenizer, words: Words::of(dataset), max_words: 12 };
+            let sentences = Sentences::new(dataset, None, None);
+            let material = Material { dataset, tokenizer: &tokenizer, sentences };
             let mut groups: Vec<usize> = material.training().unwrap().alike.values().map(Vec::len).collect();
             groups.sort_unstable();
             groups

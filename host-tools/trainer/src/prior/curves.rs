@@ -21,6 +21,12 @@ pub struct Point {
     pub accuracy: f64,
     /// Cross-entropy of the length, nats.
     pub length: f64,
+    /// Cross-entropy of what sentences mean, nats, over all that they may mean.
+    #[serde(default)]
+    pub meaning: f64,
+    /// Share of sentences whose likeliest meaning is right.
+    #[serde(default)]
+    pub understood: f64,
     /// Global norm of the gradient of the last step.
     pub gradient_norm: f32,
 }
@@ -33,11 +39,9 @@ impl Figures for Point {
 
 impl fmt::Display for Point {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { rate, loss, accuracy, length, gradient_norm, .. } = self;
-        write!(
-            f,
-            "rate {rate:.1e} cross-entropy {loss:.4} top-1 {accuracy:.3} length {length:.3} norm {gradient_norm:.2}"
-        )
+        let Self { rate, loss, accuracy, length, meaning, understood, gradient_norm, .. } = self;
+        write!(f, "rate {rate:.1e} cross-entropy {loss:.4} top-1 {accuracy:.3} length {length:.3} ")?;
+        write!(f, "meaning {meaning:.2} understood {understood:.3} norm {gradient_norm:.2}")
     }
 }
 

@@ -3,7 +3,8 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`config`] | sizes, corruption, augmentation, schedule, presets |
-//! | [`captions`] | words, vocabulary, mirrored sentences, paraphrases |
+//! | [`captions`] | words, vocabulary, mirrored sentences |
+//! | [`sentences`] | what is said of motions, and what it means |
 //! | [`corpus`] | motions as tokens, and the examples drawn from them |
 //! | [`corruption`] | tokens that move to near codes |
 //! | [`model`] | text encoder and planner |
@@ -22,6 +23,7 @@ pub mod corpus;
 pub mod corruption;
 pub mod curves;
 pub mod model;
+pub mod sentences;
 pub mod state;
 #[cfg(test)]
 mod tests;

@@ -8,8 +8,9 @@ use motionette_host::dataset::Dataset;
 use super::checkpoint;
 use super::command::{Args, run};
 use super::config::Config;
-use super::corpus::{Material, Words};
+use super::corpus::Material;
 use super::corruption::Metric;
+use super::sentences::Sentences;
 use super::state::{Sources, State};
 use super::training::Trainer;
 use crate::harness::Run;
@@ -50,20 +51,26 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
     let dataset = Dataset::load(folder.path().join("data.mds")).unwrap();
     let tokenizer = Checkpoint::load(&folder.path().join("tokenizer.safetensors")).unwrap();
     let config = args(folder.path(), "").options.configured(Config::preset("tiny").unwrap()).unwrap();
-    let words = Words::of(&dataset);
+    let sentences = Sentences::new(&dataset, None, None);
     let sources = Sources {
         data_hash: dataset.hash.clone(),
         tokenizer: codebook_hash(&tokenizer.codebook),
         codes: 8,
         code_dim: 4,
-        vocabulary: words.vocabulary.words.clone(),
+        vocabulary: sentences.vocabulary.words.clone(),
+        word_vectors: 0,
+        word_tiers: Vec::new(),
+        meanings: Vec::new(),
+        phrases: None,
+        guidance: false,
+        teacher: None,
     };
-    let material = Material { dataset: &dataset, tokenizer: &tokenizer, words, max_words: 12 };
+    let material = Material { dataset: &dataset, tokenizer: &tokenizer, sentences };
     testing::assert_resumes(|| {
         let metric = Metric::new(&tokenizer.codebook, 4, config.c, config.a);
         let (training, held_out) = (material.training().unwrap(), material.held_out().unwrap());
         let trainer = Trainer::new(sources.layout(&config), training, held_out, metric);
-        Run::new(trainer, State::begin(&config, sources.clone())).unwrap()
+        Run::new(trainer, State::begin(&config, sources.clone(), None)).unwrap()
     });
 }
 

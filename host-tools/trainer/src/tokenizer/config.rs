@@ -113,6 +113,12 @@ pub struct LossWeights {
     /// Mean error of the bones' lengths, per metre; configurations from before this term have none.
     #[serde(default)]
     pub bones: f32,
+    /// Mean change of the velocity of legs whose clips say nothing of them, per metre a frame squared; none before this term.
+    #[serde(default)]
+    pub legs: f32,
+    /// Share of their usual weight that features have whose clips made them up: of legs and contacts of a Kinect.
+    #[serde(default)]
+    pub made_up: f32,
     /// Mean distance of the rolled-out root on the floor, per metre.
     pub root: f32,
     /// Mean error of the rolled-out heading, per radian.
@@ -193,7 +199,9 @@ impl Config {
                 groups: [0.15, 0.15, 0.05, 0.40, 0.10, 0.12, 0.03],
                 position: 2.0,
                 velocity: 2.0,
-                bones: 4.0,
+                bones: 12.0,
+                legs: 2.0,
+                made_up: 0.1,
                 root: 1.0,
                 heading: 0.5,
                 commitment: 0.1,
@@ -235,7 +243,7 @@ impl Configuration for Config {
         require(window, "window", self.window, "a multiple of 4 from 8 to 196")?;
         require((0.0..1.0).contains(&self.codebook_decay), "codebook_decay", self.codebook_decay, "0 to 1")?;
         let l = &self.loss;
-        let terms = [l.position, l.velocity, l.bones, l.root, l.heading, l.commitment];
+        let terms = [l.position, l.velocity, l.bones, l.legs, l.made_up, l.root, l.heading, l.commitment];
         let weights = l.groups.iter().chain(&terms).all(|w| w.is_finite() && *w >= 0.0);
         require(weights, "loss", format!("{l:?}"), "weights that are finite and not negative")
     }

@@ -11,8 +11,11 @@
 //! * heading: `mean_t |2 (a(y)_t - a(x)_t)|` after roll-out
 //!
 //! Distances are `sqrt(d^2 + eps^2) - eps`, so that the gradient at zero is zero. Means run over all valid frames of the batch; the roll-out
-//! starts with every crop. In crops with synthetic legs the channels of legs and contacts ([`of_legs`]) have an error of zero: the decoder is
-//! free there, and other joints weigh as much as in other crops.
+//! starts with every crop. In crops with synthetic legs the channels of legs and contacts ([`of_legs`]) have an error of zero in all terms but
+//! two, and other joints weigh as much as in other crops: their features have a faint weight, `made_up` times the usual one, and bones keep
+//! their lengths. Left free altogether they grow without end and take the training with them (seen at step 12,000). They are to move smoothly:
+//!
+//! * legs: `mean_{t,j} |y_{t+1,j} - 2 y_tj + y_{t-1,j}|` over knees, ankles and feet in metres, of crops with synthetic legs alone
 
 use motionette_host::motion::features::{HEIGHT, PLANAR_VELOCITY, POSITIONS, YAW_VELOCITY, of_legs};
 use motionette_host::motion::{JOINTS, skeleton};
@@ -36,6 +39,9 @@ pub struct Terms {
     /// Error of the bones' lengths, metres.
     #[serde(default)]
     pub bones: f32,
+    /// Change of the velocity of legs that nothing else is said of, metres.
+    #[serde(default)]
+    pub legs: f32,
     /// Root error on the floor within crops, metres.
     pub root: f32,
     /// Heading error within crops, radians.
@@ -78,7 +84,8 @@ impl Objective {
         let mut measured = vec![0.0; size];
         for (((y, x), g), (length, synthetic)) in crops.zip(batch.lengths.iter().zip(&batch.synthetic_legs)) {
             let valid = length * FEATURES;
-            let mut y = &y[..valid];
+            let own = &y[..valid];
+            let mut y = own;
             if *synthetic {
                 // Where nothing was measured the output is right as it is. The root's path has no channel among these.
                 for (i, value) in measured[..valid].iter_mut().enumerate() {
@@ -86,20 +93,26 @@ impl Objective {
                 }
                 y = &measured[..valid];
             }
-            self.crop(y, &x[..valid], &mut g[..valid], 1.0 / frames, &mut terms);
+            let output = Output { own, compared: y, synthetic: *synthetic };
+            self.crop(&output, &x[..valid], &mut g[..valid], 1.0 / frames, &mut terms);
+            if *synthetic {
+                self.smooth(own, &mut g[..valid], 1.0 / frames, &mut terms);
+            }
         }
         let w = &self.weights;
         terms.total = terms.features
             + w.position * terms.position
             + w.velocity * terms.velocity
             + w.bones * terms.bones
+            + w.legs * terms.legs
             + w.root * terms.root
             + w.heading * terms.heading;
         terms
     }
 
     /// Adds the terms of one crop, each frame with weight `share`.
-    fn crop(&self, y: &[f32], x: &[f32], gradient: &mut [f32], share: f32, terms: &mut Terms) {
+    fn crop(&self, output: &Output<'_>, x: &[f32], gradient: &mut [f32], share: f32, terms: &mut Terms) {
+        let Output { own, compared: y, synthetic } = *output;
         let std = &self.normalization.std;
         let joints = POSITIONS.len() / 3;
         let per_joint = share / joints as f32;
@@ -107,10 +120,13 @@ impl Objective {
         for (t, (y, x)) in y.chunks_exact(FEATURES).zip(x.chunks_exact(FEATURES)).enumerate() {
             let row = t * FEATURES;
             for c in 0..FEATURES {
-                let e = y[c] - x[c];
+                let (e, weight) = match synthetic && self.leg[c] {
+                    true => (own[row + c] - x[c], self.weights.made_up * self.channel_weights[c]),
+                    false => (y[c] - x[c], self.channel_weights[c]),
+                };
                 let (value, slope) = smooth_l1(e);
-                terms.features += share * self.channel_weights[c] * value;
-                gradient[row + c] += share * self.channel_weights[c] * slope;
+                terms.features += share * weight * value;
+                gradient[row + c] += share * weight * slope;
             }
             let mut current = [0.0f32; POSITIONS.end - POSITIONS.start];
             for (k, c) in POSITIONS.enumerate() {
@@ -138,7 +154,13 @@ impl Objective {
                 }
             }
             previous = current;
-            self.bones(y, x, &mut gradient[row..row + FEATURES], share / (JOINTS - 1) as f32, terms);
+            self.bones(
+                &own[row..row + FEATURES],
+                x,
+                &mut gradient[row..row + FEATURES],
+                share / (JOINTS - 1) as f32,
+                terms,
+            );
         }
         self.roll_out(y, x, gradient, share, terms);
     }
@@ -166,6 +188,29 @@ impl Objective {
                 for (end, sign) in [(joint, 1.0), (skeleton::PARENTS[joint], -1.0)] {
                     if let Some(c) = channel(end, axis) {
                         gradient[c] += sign * slope * direction[axis] * std[c];
+                    }
+                }
+            }
+        }
+    }
+
+    /// How legs change their velocity.
+    fn smooth(&self, y: &[f32], gradient: &mut [f32], share: f32, terms: &mut Terms) {
+        let std = &self.normalization.std;
+        let share = share / skeleton::LEGS.len() as f32;
+        let frames = y.len() / FEATURES;
+        for t in 1..frames.saturating_sub(1) {
+            for joint in skeleton::LEGS {
+                let first = POSITIONS.start + 3 * (joint - 1);
+                let value = |t: usize, axis: usize| y[t * FEATURES + first + axis];
+                let change =
+                    |axis| std[first + axis] * (value(t + 1, axis) - 2.0 * value(t, axis) + value(t - 1, axis));
+                let (value, slope) = distance(std::array::from_fn(change));
+                terms.legs += share * value;
+                for (axis, slope) in slope.into_iter().enumerate() {
+                    let slope = self.weights.legs * share * slope * std[first + axis];
+                    for (t, factor) in [(t + 1, 1.0), (t, -2.0), (t - 1, 1.0)] {
+                        gradient[t * FEATURES + first + axis] += factor * slope;
                     }
                 }
             }
@@ -235,6 +280,16 @@ impl Objective {
     }
 }
 
+/// What the decoder made of a crop.
+struct Output<'o> {
+    /// As it is.
+    own: &'o [f32],
+    /// With the clip's own values where these are made up.
+    compared: &'o [f32],
+    /// Whether legs and contacts of the clip are made up.
+    synthetic: bool,
+}
+
 /// The root at one frame.
 struct RootFrame {
     /// Half of the heading, `a[t]`.
@@ -279,6 +334,8 @@ mod tests {
             position: 1.3,
             velocity: 0.7,
             bones: 0.9,
+            legs: 0.8,
+            made_up: 0.3,
             root: 1.1,
             heading: 0.6,
             commitment: 0.0,
@@ -351,10 +408,12 @@ mod tests {
         Batch { features, lengths: vec![length], synthetic_legs: vec![synthetic] }
     }
 
-    /// Wrong legs and contacts cost nothing where they are synthetic, whatever else costs the same.
+    /// Wrong legs and contacts cost nothing where they are synthetic, whatever else costs the same, but for their faint weight, lengths and
+    /// smoothness.
     #[test]
     fn synthetic_legs_and_contacts_are_free() {
-        let objective = Objective::new(&weights(), &normalization());
+        let free = LossWeights { bones: 0.0, legs: 0.0, made_up: 0.0, ..weights() };
+        let objective = Objective::new(&free, &normalization());
         let window = 8;
         let (output, target) = (noise(window * FEATURES, 8), noise(window * FEATURES, 9));
         let evaluate = |output: &[f32], synthetic: bool| {
@@ -383,9 +442,32 @@ mod tests {
                 assert_eq!(gradient[i], by_measured[i], "channel {}", i % FEATURES);
             }
         }
-        assert_eq!(evaluate(&other_legs, true).0, terms);
-        assert_eq!(evaluate(&right_legs, false).0, terms);
+        assert_eq!(evaluate(&other_legs, true).0.total, terms.total);
+        assert_eq!(evaluate(&right_legs, false).0.total, terms.total);
         assert!(measured.total > terms.total && evaluate(&other_legs, false).0 != measured);
+    }
+
+    /// Synthetic legs that stand still or move evenly cost nothing, those that shake do; others are compared with their clip instead.
+    #[test]
+    fn synthetic_legs_are_to_be_smooth() {
+        let objective = Objective::new(&weights(), &normalization());
+        let (window, still) = (9, noise(FEATURES, 3));
+        let legs = |output: &[f32], synthetic: bool| {
+            let mut gradient = vec![0.0; output.len()];
+            let batch = single(vec![0.0; output.len()], window, synthetic);
+            objective.evaluate(output, &batch, window, &mut gradient).legs
+        };
+        let mut output = still.repeat(window);
+        assert!(legs(&output, true).abs() < 1e-6);
+        // The left knee begins with channel 13.
+        let std = normalization().std;
+        (0..window).for_each(|t| output[t * FEATURES + 13] += 0.1 * t as f32);
+        assert!(legs(&output, true).abs() < 1e-6, "even motion");
+        output[4 * FEATURES + 13] += 0.5;
+        // It leaves its line and returns: changes of 0.5, -1, 0.5, over six joints and nine frames.
+        let wanted = 2.0 * 0.5 * std[13] * 2.0 / (6.0 * 9.0);
+        assert!((legs(&output, true) - wanted).abs() < 1e-3, "{} {wanted}", legs(&output, true));
+        assert_eq!(legs(&output, false), 0.0);
     }
 
     #[test]

@@ -61,6 +61,7 @@ impl harness::Means<Step, Point> for Means {
         sum.position += terms.position;
         sum.velocity += terms.velocity;
         sum.bones += terms.bones;
+        sum.legs += terms.legs;
         sum.root += terms.root;
         sum.heading += terms.heading;
         sum.total += terms.total;
@@ -87,6 +88,7 @@ impl harness::Means<Step, Point> for Means {
                 position: self.terms.position / n,
                 velocity: self.terms.velocity / n,
                 bones: self.terms.bones / n,
+                legs: self.terms.legs / n,
                 root: self.terms.root / n,
                 heading: self.terms.heading / n,
                 total: self.terms.total / n,
