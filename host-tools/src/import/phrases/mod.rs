@@ -11,12 +11,12 @@ mod sentence;
 mod tests;
 mod written;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::table::{self, Error};
 use crate::dataset::Side;
-use inflect::Form;
+use inflect::{FORMS, Form};
 use motionette::numerics::hash::Stream;
 use sentence::{Sentence, pick, tidy};
 
@@ -166,6 +166,24 @@ impl Phrases {
         let style = self.styles.iter().find(|style| style.name == name)?;
         let template = style.adverb.first().or(style.manner.first())?;
         Some(tidy(&Sentence::plain(self, Side::None).fill(&first(template), Form::Base, &mut Stream::new(0))))
+    }
+
+    /// Words of the templates of a canonical action: verbs in all their forms, nothing of slots. Empty for an action that is unknown.
+    #[must_use]
+    pub fn words(&self, action: &str) -> BTreeSet<String> {
+        let mut words = BTreeSet::new();
+        let templates =
+            self.action(action, Side::None).into_iter().flat_map(|(action, _)| action.kinds.iter().flatten());
+        for part in templates.flat_map(|template| template.split('{')) {
+            let text = part.split_once('}').map_or(part, |(_slot, text)| text);
+            for word in text.split([' ', '(', '|', ')', ',']).filter(|word| !word.is_empty()) {
+                match word.strip_prefix('*') {
+                    Some(verb) => words.extend(FORMS.map(|(_, form)| self.inflect(verb, form, &self.who[0]))),
+                    None => drop(words.insert(word.to_owned())),
+                }
+            }
+        }
+        words
     }
 
     /// The entry of a canonical action, and the side that its name or else `side` says.

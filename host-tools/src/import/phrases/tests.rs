@@ -44,6 +44,29 @@ fn every_action_and_style_has_twenty_templates() {
     }
 }
 
+/// Every word of a sentence about an action alone is among its words, but for what fills slots.
+#[test]
+fn words_of_an_action_are_those_of_its_sentences() {
+    let shipped = shipped();
+    let you = shipped.who[shipped.you].clone();
+    let frames = [vec!["{do}".into()], vec!["{thing}".into()]];
+    let phrases = Phrases { who: vec![you], you: 0, frames, ..shipped.clone() };
+    let slots: BTreeSet<&str> =
+        "left right clockwise counterclockwise you your yourself are were the".split(' ').collect();
+    for action in ["run", "raise-up-left-hand", "stand"] {
+        let known = phrases.words(action);
+        for number in 0..200 {
+            let sentence = phrases.sentence(action, Side::Left, None, &mut Stream::new(number)).unwrap();
+            for word in sentence.split([' ', ',']).filter(|word| !word.is_empty() && !slots.contains(word)) {
+                assert!(known.contains(word), "{word:?} of {sentence:?}");
+            }
+        }
+    }
+    let run = shipped.words("run");
+    assert!(["run", "runs", "running", "ran"].iter().all(|form| run.contains(*form)) && !run.contains("side"));
+    assert!(phrases.words("amble").is_empty());
+}
+
 #[test]
 fn the_other_side_is_the_same_sentence_exchanged() {
     let phrases = shipped();

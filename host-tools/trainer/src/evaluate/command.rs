@@ -70,6 +70,9 @@ pub struct Args {
     /// The table of actions, for prompts.
     #[arg(long, value_name = "FILE", default_value = "docs/actions.toml")]
     pub actions: PathBuf,
+    /// The phrases that text encoders are trained with, for prompts.
+    #[arg(long, value_name = "FILE", default_value = "docs/phrases.toml")]
+    pub phrases: PathBuf,
     /// Dataset file.
     #[arg(long, value_name = "FILE", default_value = "data/pack.mds")]
     pub data: PathBuf,

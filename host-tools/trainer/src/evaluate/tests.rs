@@ -347,6 +347,7 @@ fn bad_input_is_refused_and_leaves_no_table() {
         table: Some(command::Table::Prior),
         prompts: None,
         actions: at("actions.toml"),
+        phrases: at("phrases.toml"),
         data: at("data.mds"),
         evaluator: at("evaluator.safetensors"),
         tokenizer: at("tokenizer.safetensors"),

@@ -12,13 +12,14 @@ use motionette_host::console::{remark, say};
 use motionette_host::dataset::{Dataset, Split};
 use motionette_host::detect::{self, score};
 use motionette_host::import::actions::Actions;
+use motionette_host::import::phrases::Phrases;
 use motionette_host::motion::{FPS, Pose};
 use motionette_host::{parallel, verify};
 
 use super::file::{self, Line};
-use super::report::{Report, described};
+use super::report::{Report, Unseen, described};
 use super::trust;
-use super::unseen::Phrases;
+use super::unseen::TrainingWords;
 use super::verdict::{Bench, Outcome, Shown, Verdict};
 use crate::evaluate::command::{Args, hashes};
 use crate::evaluate::generators;
@@ -55,7 +56,10 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<()> {
     remark("judges on real test clips");
     let accuracies = trust::accuracies(&judge, &dataset, &table)?;
     let scores = score::scores(&dataset, Split::Test, &table);
-    let unseen_share = Phrases::captions(&dataset).unseen_share(&lines);
+    let unseen = Unseen {
+        captions: TrainingWords::captions(&dataset).unseen_share(&lines),
+        phrases: TrainingWords::templates(&Phrases::read(&args.phrases)?, &table).unseen_share(&lines),
+    };
     remark(&format!("{} prompts, {seeds} motions each", lines.len()));
     let outcomes = outcomes(&lines, seeds, &blob, &judge, args.generation)?;
     let bench = Bench {
@@ -67,7 +71,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<()> {
     let verdicts: Vec<Verdict> = outcomes.iter().map(|outcome| bench.judge(outcome)).collect();
     let facts = Facts {
         seeds,
-        files: hashes(&[&file.to_path_buf(), &args.actions, &args.data, &args.evaluator, &args.blob])?,
+        files: hashes(&[&file.to_path_buf(), &args.actions, &args.phrases, &args.data, &args.evaluator, &args.blob])?,
         command: format!(
             "motionette-train evaluate --prompts {}{}{}",
             file.file_name().unwrap_or_default().to_string_lossy(),
@@ -81,7 +85,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<()> {
         verdicts: &verdicts,
         accuracies: &accuracies,
         scores: &scores,
-        unseen_share,
+        unseen,
         facts: &facts,
     };
     tell(&report);
@@ -112,10 +116,11 @@ fn tell(report: &Report<'_>) {
     say(&format!("action: evaluator {}, detectors {}", share(|v| v.evaluator), share(|v| v.detectors)));
     say(&format!("style: {}", share(|v| v.style)));
     say(&format!(
-        "prompts with unknown words {:.3}, refused {:.3}, without a word of their actions' captions {:.3}",
+        "prompts with unknown words {:.3}, refused {:.3}, without a word of their actions' captions {:.3}, phrases {:.3}",
         report.unknown_share(),
         report.refused_share(),
-        report.unseen_share
+        report.unseen.captions,
+        report.unseen.phrases
     ));
 }
 

@@ -7,7 +7,7 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`mod@file`] | the prompts, from JSON lines |
-//! | [`unseen`] | prompts that share no content word with the training captions of their actions |
+//! | [`unseen`] | prompts that share no content word with captions or phrases of their actions |
 //! | [`trust`] | which actions the evaluator may judge |
 //! | [`verdict`] | what became of a prompt, what each judge says |
 //! | [`report`] | shares with intervals, the prompts that failed, JSON |

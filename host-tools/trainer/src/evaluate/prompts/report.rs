@@ -27,6 +27,15 @@ pub struct Share {
     pub prompts: usize,
 }
 
+/// Shares of the prompts that have no content word of what was said of their actions in training.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unseen {
+    /// In captions of the training split.
+    pub captions: f64,
+    /// In templates of phrases.
+    pub phrases: f64,
+}
+
 /// Everything that is reported.
 pub struct Report<'a> {
     /// What became of the prompts.
@@ -37,8 +46,8 @@ pub struct Report<'a> {
     pub accuracies: &'a BTreeMap<String, Accuracy>,
     /// How the detectors fare on real test clips.
     pub scores: &'a [Score],
-    /// Share of prompts without a content word of the training captions of their actions.
-    pub unseen_share: f64,
+    /// Shares of prompts that say their actions in other words.
+    pub unseen: Unseen,
     /// What the table was made from.
     pub facts: &'a Facts,
 }
@@ -172,7 +181,8 @@ impl Report<'_> {
             "style_share_ci": style.map(|share| share.half_width),
             "unknown_share": self.unknown_share(),
             "refused_share": self.refused_share(),
-            "unseen_share": self.unseen_share,
+            "unseen_share": self.unseen.captions,
+            "unseen_phrases_share": self.unseen.phrases,
             "judges": judges,
             "rows": rows,
             "failed": failed,
@@ -194,18 +204,19 @@ impl Report<'_> {
              judges actions that it names right on {LEAST_ACCURACY} of their real test clips, the detectors those that a rule over \
              joints answers for; a prompt is left to the other judge where one of its actions is not among them. Motions of refused \
              prompts count as wrong.\n\n\
-             | action, evaluator | action, detectors | style | prompts with unknown words | refused | without a caption's words |\n\
-             |---|---|---|---|---|---|\n",
+             | action, evaluator | action, detectors | style | prompts with unknown words | refused | without a caption's words | \
+             without a phrase's words |\n|---|---|---|---|---|---|---|\n",
             self.facts.command,
             self.outcomes.len(),
             self.facts.seeds
         );
         let [evaluator, detectors, style] = JUDGES.map(|(_, pick)| cell(self.share(pick)));
         text += &format!(
-            "| {evaluator} | {detectors} | {style} | {:.3} | {:.3} | {:.3} |\n",
+            "| {evaluator} | {detectors} | {style} | {:.3} | {:.3} | {:.3} | {:.3} |\n",
             self.unknown_share(),
             self.refused_share(),
-            self.unseen_share
+            self.unseen.captions,
+            self.unseen.phrases
         );
         text += "\n## By first action\n\n| action | prompts | evaluator | detectors | style |\n|---|---|---|---|---|\n";
         for (action, (prompts, tallies)) in self.by_action() {

@@ -7,13 +7,14 @@ use motionette_host::dataset::Side;
 use motionette_host::detect::{Deed, Direction, Seen};
 use motionette_host::import::actions::Actions;
 use motionette_host::import::packs;
+use motionette_host::import::phrases::Phrases;
 use motionette_host::{checkpoint, convert, dataset::Dataset};
 use serde_json::{Value, json};
 
 use super::file::{self, Line};
-use super::report::Report;
+use super::report::{Report, Unseen};
 use super::trust::Accuracy;
-use super::unseen::{Phrases, content_words, stem};
+use super::unseen::{TrainingWords, content_words, stem};
 use super::verdict::{Bench, Outcome, Shown, Tally, Verdict};
 use crate::evaluate::command::{self, Args};
 use crate::evaluate::report::Facts;
@@ -30,6 +31,10 @@ fn repository() -> PathBuf {
 
 fn table() -> Actions {
     Actions::read(repository().join("docs/actions.toml")).unwrap()
+}
+
+fn phrases() -> Phrases {
+    Phrases::read(repository().join("docs/phrases.toml")).unwrap()
 }
 
 fn styles() -> BTreeSet<String> {
@@ -90,11 +95,14 @@ fn words_are_the_same_in_all_their_forms() {
         content_words("Could the old man's dog STROLL, please?"),
         BTreeSet::from(["old", "dog", "stroll"].map(stem))
     );
-    let mut phrases = Phrases::default();
-    phrases.add("jump", "a person hops on the spot");
+    let mut words = TrainingWords::default();
+    words.add("jump", "a person hops on the spot");
     let lines = [line(&["jump"], &[]), line(&["walk"], &[])];
-    assert_eq!((phrases.shared(&lines[0]), phrases.shared(&lines[1])), (vec!["hop".to_owned()], vec![]));
-    assert_eq!((phrases.unseen_share(&lines), phrases.unseen_share(&[])), (0.5, 0.0));
+    assert_eq!((words.shared(&lines[0]), words.shared(&lines[1])), (vec!["hop".to_owned()], vec![]));
+    assert_eq!((words.unseen_share(&lines), words.unseen_share(&[])), (0.5, 0.0));
+    // Templates say `*hop` of a jump, and nothing like it of walking.
+    let templates = TrainingWords::templates(&phrases(), &table());
+    assert_eq!((templates.shared(&lines[0]), templates.shared(&lines[1])), (vec!["hop".to_owned()], vec![]));
 }
 
 fn shown(action: &str, style: &str, deed: Deed, side: Side) -> Shown {
@@ -159,7 +167,7 @@ fn shares_are_over_motions_and_refused_prompts_count() {
         verdicts: &verdicts,
         accuracies: &accuracies,
         scores: &[],
-        unseen_share: 0.5,
+        unseen: Unseen { captions: 0.5, phrases: 0.25 },
         facts: &facts,
     };
     let value = report.json();
@@ -167,6 +175,7 @@ fn shares_are_over_motions_and_refused_prompts_count() {
     assert_eq!(number("/judges/evaluator/share"), 8.0 / 12.0);
     assert_eq!(number("/judges/detectors/share"), 3.0 / 12.0);
     assert_eq!((number("/action_share"), number("/unknown_share"), number("/refused_share")), (0.25, 0.25, 0.25));
+    assert_eq!((number("/unseen_share"), number("/unseen_phrases_share")), (0.5, 0.25));
     assert!(value["style_share"].is_null() && number("/judges/evaluator/share_ci") > 0.0);
     // Detectors miss two motions of each but the refused prompt, which misses all.
     assert_eq!(value["failed"].as_array().map(Vec::len), Some(4));
@@ -203,11 +212,12 @@ fn the_command_judges_generated_motion() {
         {\"text\": \"figure\", \"actions\": [\"dance\"]}\n{\"text\": \"\\u0007 \\ud83d\\ude42\", \"actions\": [\"walk\"]}\n\
         {\"text\": \"xyzzy\", \"actions\": [\"jump\"]}\n";
     std::fs::write(at("prompts.jsonl"), prompts).unwrap();
-    let actions = repository().join("docs/actions.toml");
+    let [actions, phrases] = ["actions", "phrases"].map(|name| repository().join(format!("docs/{name}.toml")));
     let line = format!(
-        "--prompts @prompts.jsonl --data @data.mds --evaluator @evaluator.safetensors --blob @model.blob --actions {} --out @results \
-         --seeds 2 --steps 2",
-        actions.display()
+        "--prompts @prompts.jsonl --data @data.mds --evaluator @evaluator.safetensors --blob @model.blob --actions {} --phrases {} \
+         --out @results --seeds 2 --steps 2",
+        actions.display(),
+        phrases.display()
     );
     let args: Args = testing::args(folder.path(), &line);
     command::run(&args).unwrap();
@@ -240,7 +250,7 @@ fn the_prompts_of_the_documentation_are_many_and_different() {
     let dataset = packs::import(&request, &|_, _| ()).unwrap().dataset;
     let known: BTreeSet<String> = dataset.clips.iter().filter_map(|clip| clip.style()).map(str::to_owned).collect();
     assert_eq!(known, styles());
-    let share = Phrases::captions(&dataset).unseen_share(&lines);
+    let share = TrainingWords::captions(&dataset).unseen_share(&lines);
     println!(
         "{} prompts, {} actions, {styled} with a style, {share:.3} without a caption's words",
         lines.len(),

@@ -1,4 +1,4 @@
-//! Prompts that share no content word with what the model was trained on for their actions.
+//! Prompts that share no content word with what the model was trained on for their actions: captions, and templates of phrases.
 //!
 //! Content words are all words but those of [`STOP`]; words count as the same when their stems ([`stem`]) are: `strolls` and `strolled`
 //! are `stroll`. The stemmer is crude, and errs to the side of calling a word seen.
@@ -6,6 +6,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use motionette_host::dataset::{Dataset, Split};
+use motionette_host::import::actions::Actions;
+use motionette_host::import::phrases::Phrases;
 
 use super::file::Line;
 
@@ -58,30 +60,39 @@ pub fn content_words(sentence: &str) -> BTreeSet<String> {
     words.filter(|word| !word.is_empty() && !stops(word)).map(stem).collect()
 }
 
-/// Content words of the training phrases of each action.
+/// Content words of what was said of each action in training.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Phrases {
+pub struct TrainingWords {
     words: BTreeMap<String, BTreeSet<String>>,
 }
 
-impl Phrases {
-    /// Adds a phrase of an action.
-    pub fn add(&mut self, action: &str, phrase: &str) {
-        self.words.entry(action.to_owned()).or_default().extend(content_words(phrase));
+impl TrainingWords {
+    /// Adds what is said of an action.
+    pub fn add(&mut self, action: &str, said: &str) {
+        self.words.entry(action.to_owned()).or_default().extend(content_words(said));
     }
 
-    /// The captions of the training split.
+    /// Those of the captions of the training split.
     pub fn captions(dataset: &Dataset) -> Self {
-        let mut phrases = Self::default();
+        let mut words = Self::default();
         for clip in dataset.split(Split::Train) {
             if let Some(action) = clip.info.action() {
-                clip.info.captions.iter().for_each(|caption| phrases.add(action, &caption.text));
+                clip.info.captions.iter().for_each(|caption| words.add(action, &caption.text));
             }
         }
-        phrases
+        words
     }
 
-    /// Content words of a prompt that stand in a phrase of one of its actions.
+    /// Those of the templates of phrases, for the actions of a table.
+    pub fn templates(phrases: &Phrases, table: &Actions) -> Self {
+        let mut words = Self::default();
+        for action in &table.actions {
+            phrases.words(&action.name).iter().for_each(|word| words.add(&action.name, word));
+        }
+        words
+    }
+
+    /// Content words of a prompt that were said of one of its actions.
     pub fn shared(&self, line: &Line) -> Vec<String> {
         let known = |word: &String| line.actions.iter().any(|a| self.words.get(a).is_some_and(|w| w.contains(word)));
         content_words(&line.text).into_iter().filter(known).collect()
