@@ -190,6 +190,7 @@ fn anchored(args: &Args, table: Table, dataset: &Dataset, judge: &Judge, codec: 
     if limit < chosen.len() {
         chosen = (0..limit).map(|i| chosen[i * chosen.len() / limit].clone()).collect();
     }
+    let clips = prompt::composition(dataset, &chosen, Split::Test);
     let real = real::motions(dataset, &chosen, codec)?;
     let captions: Vec<&str> = chosen.iter().map(|prompt| prompt.caption.as_str()).collect();
     let yardstick = Yardstick {
@@ -229,10 +230,10 @@ fn anchored(args: &Args, table: Table, dataset: &Dataset, judge: &Judge, codec: 
         Table::Runtime => ("runtime", "What a sample costs", bench.runtime(&course, args.instructions_per_mac)?),
     };
     let notes = format!(
-        "`bnr` test split, {} clips of their own lengths, seeds: {seeds}; anchors are places of the clip at random frames, the same for \
+        "{}, of their own lengths, seeds: {seeds}; anchors are places of the clip at random frames, the same for \
          every row. All rows are the int8 runtime's but those of `components` that name a control, which are the trainer's f32 \
          networks. Figures are means with half the width of a 95 % bootstrap interval over the clips. {}",
-        bench.real.len(),
+        clips,
         remarks(table)
     );
     let facts = Facts {

@@ -61,19 +61,7 @@ pub struct Yardstick {
 impl Yardstick {
     /// Measures a row over the prompts `members`. Candidates of R-precision come from all prompts.
     pub fn measure(&self, sample: &Sample, members: &[usize]) -> Row {
-        let mut figures = BTreeMap::new();
-        for (name, values) in self.single(sample) {
-            let present: Vec<f64> = members.iter().filter_map(|index| values[*index]).collect();
-            if present.is_empty() {
-                continue;
-            }
-            let mean = |draws: &mut dyn Iterator<Item = usize>| {
-                let (sum, count) = draws.fold((0.0, 0.0), |(sum, count), i| (sum + present[i], count + 1.0));
-                sum / count
-            };
-            let half_width = half_width(present.len(), 1, |draws| mean(&mut draws.iter().copied()));
-            figures.insert(name, Figure { mean: mean(&mut (0..present.len())), half_width });
-        }
+        let Row { name, mut figures } = self.measure_singles(sample, members);
         let whole: Vec<usize> = (0..members.len()).collect();
         let distances: Vec<Distances> = sample
             .motions
@@ -91,6 +79,24 @@ impl Yardstick {
         };
         figures.insert("diversity", figure(&whole, diversity));
         figures.insert("fid", figure(&whole, fid));
+        Row { name, figures }
+    }
+
+    /// The figures of single motions alone: for few prompts, of which a set says nothing.
+    pub fn measure_singles(&self, sample: &Sample, members: &[usize]) -> Row {
+        let mut figures = BTreeMap::new();
+        for (name, values) in self.single(sample) {
+            let present: Vec<f64> = members.iter().filter_map(|index| values[*index]).collect();
+            if present.is_empty() {
+                continue;
+            }
+            let mean = |draws: &mut dyn Iterator<Item = usize>| {
+                let (sum, count) = draws.fold((0.0, 0.0), |(sum, count), i| (sum + present[i], count + 1.0));
+                sum / count
+            };
+            let half_width = half_width(present.len(), 1, |draws| mean(&mut draws.iter().copied()));
+            figures.insert(name, Figure { mean: mean(&mut (0..present.len())), half_width });
+        }
         Row { name: sample.name.clone(), figures }
     }
 

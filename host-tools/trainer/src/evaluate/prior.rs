@@ -13,12 +13,14 @@ use motionette_host::parallel;
 use super::Error;
 use super::codec::Codec;
 use super::figures::{Row, Yardstick};
-use super::prompt::{MAX_TOKENS, Motion, Prompt, prompts};
+use super::prompt::{MAX_TOKENS, Motion, Prompt, by_subset, composition, prompts};
 use super::real::{self, SHORT_TOKENS};
 use super::sample::{Judged, Sample, judged};
 use crate::evaluator::judge::Judge;
 use crate::random::Random;
 
+/// Name of the control's row.
+const CONTROL: &str = "shuffled_text";
 /// Stream of the random order of the control.
 const SHUFFLE: u64 = 1 << 43;
 
@@ -44,9 +46,22 @@ pub struct Bench<'a> {
 /// Motions of 9.8 s take most of the time, and hardly a clip is that long: one prompt of so many is enough.
 const LONG_STRIDE: usize = 4;
 
+/// Rows over the prompts of one subset, without figures of sets.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Subset {
+    /// Name of the subset.
+    pub name: String,
+    /// Number of prompts.
+    pub prompts: usize,
+    /// All rows but the control's.
+    pub rows: Vec<Row>,
+}
+
 /// The same rows for several lengths.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tables {
+    /// What the clips are, in words.
+    pub clips: String,
     /// Number of prompts of `all`, `short` and `long`.
     pub prompts: [usize; 3],
     /// Every prompt at its own clip's length.
@@ -55,6 +70,8 @@ pub struct Tables {
     pub short: Vec<Row>,
     /// One prompt of four at 9.8 s.
     pub long: Vec<Row>,
+    /// The clips' own lengths, subset by subset.
+    pub subsets: Vec<Subset>,
 }
 
 impl Bench<'_> {
@@ -72,19 +89,27 @@ impl Bench<'_> {
         let every = own.iter().step_by(LONG_STRIDE);
         let long: Vec<Prompt> = every.map(|prompt| Prompt { tokens: MAX_TOKENS, ..prompt.clone() }).collect();
         let counts = [own.len(), short.len(), long.len()];
-        let [all, short] = self.rows(own, [&whole, &short], say)?;
+        let clips = composition(self.dataset, &own, Split::Test);
+        let by_subset = by_subset(self.dataset, &own);
+        let (yardstick, samples) = self.samples(own, say)?;
+        say("figures and their intervals");
+        let rows = |members: &[usize]| samples.iter().map(|sample| yardstick.measure(sample, members)).collect();
+        let (all, short) = (rows(&whole), rows(&short));
+        let subset = |(name, members): (&str, Vec<usize>)| {
+            let shown = samples.iter().filter(|sample| sample.name != CONTROL);
+            let rows = shown.map(|sample| yardstick.measure_singles(sample, &members)).collect();
+            Subset { name: name.to_owned(), prompts: members.len(), rows }
+        };
+        let subsets = by_subset.into_iter().map(subset).collect();
         let whole: Vec<usize> = (0..long.len()).collect();
-        let [long] = self.rows(long, [&whole], say)?;
-        Ok(Tables { prompts: counts, all, short, long })
+        let (yardstick, samples) = self.samples(long, say)?;
+        say("figures and their intervals");
+        let long = samples.iter().map(|sample| yardstick.measure(sample, &whole)).collect();
+        Ok(Tables { clips, prompts: counts, all, short, long, subsets })
     }
 
-    /// Rows over several choices of prompts.
-    fn rows<const N: usize>(
-        &self,
-        prompts: Vec<Prompt>,
-        choices: [&[usize]; N],
-        say: &dyn Fn(&str),
-    ) -> Result<[Vec<Row>; N], Error> {
+    /// The motions of all rows, and what they are measured against.
+    fn samples(&self, prompts: Vec<Prompt>, say: &dyn Fn(&str)) -> Result<(Yardstick, Vec<Sample>), Error> {
         let judged = |motions: &[Motion]| judged(self.judge, &prompts, motions, self.training);
         let real = real::motions(self.dataset, &prompts, self.codec)?;
         let decoded: Vec<Motion> = real
@@ -119,8 +144,7 @@ impl Bench<'_> {
             samples.push(Sample::new(name, seeds));
         }
         let last = &samples[samples.len() - 1];
-        samples.push(last.shuffled("shuffled_text", shuffled(prompts.len())));
-        say("figures and their intervals");
+        samples.push(last.shuffled(CONTROL, shuffled(prompts.len())));
         let captions: Vec<&str> = prompts.iter().map(|prompt| prompt.caption.as_str()).collect();
         let yardstick = Yardstick {
             texts: self.judge.texts(&captions),
@@ -128,8 +152,7 @@ impl Bench<'_> {
             rounds: self.seeds as usize,
             prompts,
         };
-        let measure = |members: &[usize]| samples.iter().map(|sample| yardstick.measure(sample, members)).collect();
-        Ok(choices.map(measure))
+        Ok((yardstick, samples))
     }
 }
 

@@ -1,5 +1,7 @@
 //! What is asked of a generator, and what comes back.
 
+use std::collections::BTreeMap;
+
 use motionette_host::dataset::{ClipView, Dataset, Label, Split};
 use motionette_host::motion::Pose;
 
@@ -69,4 +71,20 @@ pub fn prompts(dataset: &Dataset, split: Split) -> Vec<Prompt> {
         }
     };
     labelled(dataset, split).into_iter().enumerate().map(prompt).collect()
+}
+
+/// Places of prompts by the subset of their clips.
+pub fn by_subset<'d>(dataset: &'d Dataset, prompts: &[Prompt]) -> BTreeMap<&'d str, Vec<usize>> {
+    let mut places: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for (place, prompt) in prompts.iter().enumerate() {
+        places.entry(&dataset.clips[prompt.clip].subset).or_default().push(place);
+    }
+    places
+}
+
+/// What the clips of prompts are, in words: `426 clips of the test split (403 of `bnr`, 23 of `cmu`)`.
+pub fn composition(dataset: &Dataset, prompts: &[Prompt], split: Split) -> String {
+    let subsets = by_subset(dataset, prompts);
+    let counts: Vec<String> = subsets.iter().map(|(name, places)| format!("{} of `{name}`", places.len())).collect();
+    format!("{} clips of the {split} split ({})", prompts.len(), counts.join(", "))
 }

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use motionette_host::import::packs::LEAST_SCORED;
 use motionette_host::output::{self, write_atomic};
 use serde_json::{Map, Value, json};
 
 use super::figures::{METRICS, Row};
-use super::prior::Tables;
+use super::prior::{Subset, Tables};
 
 /// Column heads, in the order of [`METRICS`]; arrows say which way is better.
 const HEADS: [&str; METRICS.len()] = [
@@ -45,6 +46,10 @@ pub fn json(tables: &Tables, facts: &Facts) -> Value {
         "rows": rows(&tables.all),
         "rows_up_to_5_s": rows(&tables.short),
         "rows_at_9_8_s": rows(&tables.long),
+        "subsets": tables.subsets.iter().map(|subset| {
+            json!({"name": subset.name, "prompts": subset.prompts, "rows": rows(&subset.rows)})
+        }).collect::<Vec<_>>(),
+        "clips": tables.clips,
         "prompts": tables.prompts,
         "seeds": facts.seeds,
         "files": files,
@@ -68,8 +73,8 @@ pub fn markdown(tables: &Tables, facts: &Facts) -> String {
     let [all, short, long] = tables.prompts;
     let mut text = format!(
         "# What text-to-motion is worth\n\n\
-         `bnr` test split, one caption for each of {all} clips, {} seeds. Made by `{}`. Figures are means with half the width of a \
-         95 % bootstrap interval over the prompts. The evaluator was trained on the training split; figures compare only with one \
+         One caption for each of {}; actions with fewer than {LEAST_SCORED} training clips, mirrored ones counted, are left out. {} \
+         seeds. Made by `{}`. Figures are means with half the width of a 95 % bootstrap interval over the prompts. The evaluator was trained on the training split; figures compare only with one \
          another. Captions are sentences made from labels by templates.\n\n\
          - `real`: the captions' own clips. Its FID is that of *other* real motion: training clips of the same labels (drawn anew \
          for every seed), so it is what a perfect generator would reach on this many clips. The evaluator has seen those clips.\n\
@@ -81,6 +86,7 @@ pub fn markdown(tables: &Tables, facts: &Facts) -> String {
          - R-precision ranks the own caption among 32 of distinct action and style. Multimodality is the mean distance of motions \
          of one caption (of one label for `real` and `tokenizer`). Near-copies have 90 % of their tokens in common with a \
          training sequence at the best alignment.\n",
+        tables.clips,
         facts.seeds,
         facts.command,
         1.0 / 32.0,
@@ -89,6 +95,7 @@ pub fn markdown(tables: &Tables, facts: &Facts) -> String {
     );
     text += &section(&format!("The clips' own lengths, {all} prompts"), &tables.all);
     text += &aims(&tables.all);
+    text += &by_subset(&tables.subsets);
     text += &section(&format!("Up to 5 s, {short} prompts"), &tables.short);
     text += &aims(&tables.short);
     text += &section(&format!("At 9.8 s, {long} prompts"), &tables.long);
@@ -109,6 +116,24 @@ fn section(title: &str, rows: &[Row]) -> String {
             figure.map_or_else(|| "-".to_owned(), |f| format!("{:.3} ± {:.3}", f.mean, f.half_width))
         };
         text += &format!("| {} | {} |\n", row.name, METRICS.iter().map(cell).collect::<Vec<_>>().join(" | "));
+    }
+    text
+}
+
+/// What is said of every subset, by row: action, style, top-3.
+const BY_SUBSET: [&str; 3] = ["action_accuracy", "style_accuracy", "top3"];
+
+fn by_subset(subsets: &[Subset]) -> String {
+    let mut text =
+        "\n## By subset\n\nAction / style / top-3 at the clips' own lengths; `-` where no clip has a style.\n\n"
+            .to_owned();
+    let names: Vec<&str> = subsets.first().map_or(&[][..], |s| &s.rows).iter().map(|row| row.name.as_str()).collect();
+    text += &format!("| subset | prompts | {} |\n|---|---|{}\n", names.join(" | "), "---|".repeat(names.len()));
+    for Subset { name, prompts, rows } in subsets {
+        let figure =
+            |row: &Row, metric| row.figures.get(metric).map_or_else(|| "-".into(), |f| format!("{:.3}", f.mean));
+        let cell = |row: &Row| BY_SUBSET.map(|metric| figure(row, metric)).join(" / ");
+        text += &format!("| `{name}` | {prompts} | {} |\n", rows.iter().map(cell).collect::<Vec<_>>().join(" | "));
     }
     text
 }

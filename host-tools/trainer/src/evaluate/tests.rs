@@ -216,7 +216,8 @@ fn real_motion_is_as_long_as_the_prompt_says() {
 
 #[test]
 fn a_table_has_all_rows_and_says_what_failed() {
-    let dataset = evaluator::dataset(24, 80);
+    let mut dataset = evaluator::dataset(24, 80);
+    dataset.clips[5].subset = "other".into();
     let judge = evaluator::judge(&dataset, 2);
     let codec = Codec::new(tokenizer(&dataset));
     let random_tokens = |prompt: &Prompt, seed: u64| {
@@ -240,6 +241,17 @@ fn a_table_has_all_rows_and_says_what_failed() {
         assert_eq!(rows[2].figures, rows[3].figures, "the same motions");
     }
     assert_eq!(tables.prompts, [3, 3, 1], "9.8 s are made for one prompt of four");
+    assert_eq!(tables.clips, "3 clips of the test split (2 of `figure`, 1 of `other`)");
+    let subsets: Vec<(&str, usize)> = tables.subsets.iter().map(|s| (s.name.as_str(), s.prompts)).collect();
+    assert_eq!(subsets, [("figure", 2), ("other", 1)]);
+    assert_eq!(names(&tables.subsets[1].rows), ["real", "tokenizer", "reference", "runtime"]);
+    for (whole, row) in tables.all.iter().zip(&tables.subsets[0].rows) {
+        // Means over two and one of three prompts.
+        let parts = [row, tables.subsets[1].rows.iter().find(|other| other.name == row.name).unwrap()];
+        let sum = 2.0 * mean(parts[0], "action_accuracy") + mean(parts[1], "action_accuracy");
+        assert!((sum / 3.0 - mean(whole, "action_accuracy")).abs() < 1e-12);
+        assert!(!row.figures.contains_key("fid"));
+    }
 
     let facts =
         Facts { seeds: 2, files: vec![("a".into(), "b".into())], command: "make".into(), generation: "x".into() };
@@ -248,6 +260,8 @@ fn a_table_has_all_rows_and_says_what_failed() {
     let page = std::fs::read_to_string(folder.path().join("prior.md")).unwrap();
     assert!(
         page.contains("| runtime |")
+            && page.contains("One caption for each of 3 clips of the test split (2 of `figure`, 1 of `other`)")
+            && page.contains("| `other` | 1 | ")
             && page.contains("`runtime` within the interval of `reference` on every figure: reached")
     );
     let data: serde_json::Value =
