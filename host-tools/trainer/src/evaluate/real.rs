@@ -1,5 +1,6 @@
 //! Real motion: what the tables compare with, and how good the judge is.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use motionette_host::dataset::{Dataset, Split};
@@ -33,6 +34,10 @@ pub struct Report {
     pub action_accuracy: f64,
     /// Share whose style is named right, of those that have one; 0 when none has.
     pub style_accuracy: f64,
+    /// Mean over the actions of the share of their clips whose action is named right.
+    pub mean_action_accuracy: f64,
+    /// The same for styles; 0 when no clip has one.
+    pub mean_style_accuracy: f64,
     /// R-precision: share whose own sentence is the nearest of 32.
     pub top1: f64,
     /// Among the nearest two.
@@ -47,8 +52,17 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} clips, action {:.3}, style {:.3}, R-precision {:.3} {:.3} {:.3}, distance {:.3}",
-            self.clips, self.action_accuracy, self.style_accuracy, self.top1, self.top2, self.top3, self.mm_dist
+            "{} clips, action {:.3} (mean over actions {:.3}), style {:.3} (mean over styles {:.3}), \
+             R-precision {:.3} {:.3} {:.3}, distance {:.3}",
+            self.clips,
+            self.action_accuracy,
+            self.mean_action_accuracy,
+            self.style_accuracy,
+            self.mean_style_accuracy,
+            self.top1,
+            self.top2,
+            self.top3,
+            self.mm_dist
         )?;
         self.known_actor.map_or(Ok(()), |share| write!(f, ", {:.0} % known actors", 100.0 * share))
     }
@@ -82,10 +96,9 @@ pub fn measure(judge: &Judge, dataset: &Dataset, split: Split) -> Result<Report,
         }
     }
     let clips = prompts.len();
-    let share = |right: &dyn Fn(usize) -> bool| (0..clips).filter(|i| right(*i)).count() as f64 / clips as f64;
-    let styled = prompts.iter().filter(|prompt| prompt.style.is_some()).count();
-    let right_style =
-        prompts.iter().zip(&judgements).filter(|(p, judged)| p.style.as_deref() == Some(judged.style)).count();
+    let pairs = || prompts.iter().zip(&judgements);
+    let actions = Shares::of(pairs().map(|(p, judged)| (p.content.as_str(), judged.content)));
+    let styles = Shares::of(pairs().filter_map(|(p, judged)| Some((p.style.as_deref()?, judged.style))));
     let [top1, top2, top3] = hits.map(|count| count as f64 / (ROUNDS as usize * clips) as f64);
     let facts = prompts.iter().filter_map(|prompt| dataset.clips[prompt.clip].facts.as_ref());
     let told = facts.clone().count();
@@ -93,13 +106,39 @@ pub fn measure(judge: &Judge, dataset: &Dataset, split: Split) -> Result<Report,
     Ok(Report {
         clips,
         known_actor: (told > 0).then(|| known as f64 / told as f64),
-        action_accuracy: share(&|i| prompts[i].content == judgements[i].content),
-        style_accuracy: right_style as f64 / styled.max(1) as f64,
+        action_accuracy: actions.whole,
+        style_accuracy: styles.whole,
+        mean_action_accuracy: actions.mean,
+        mean_style_accuracy: styles.mean,
         top1,
         top2,
         top3,
         mm_dist: motions.iter().zip(&texts).map(|(m, t)| retrieval::distance(m, t)).sum::<f64>() / clips as f64,
     })
+}
+
+/// Shares of what is named right; 0 of nothing.
+struct Shares {
+    /// Of all clips.
+    whole: f64,
+    /// Mean of the shares of every label.
+    mean: f64,
+}
+
+impl Shares {
+    /// Of pairs of the right label and the one that is named.
+    fn of<'a>(pairs: impl Iterator<Item = (&'a str, &'a str)>) -> Self {
+        let mut labels: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
+        for (label, named) in pairs {
+            let [right, clips] = labels.entry(label).or_default();
+            *right += usize::from(label == named);
+            *clips += 1;
+        }
+        let share = |right: usize, clips: usize| right as f64 / clips.max(1) as f64;
+        let sum = |of: fn(&[usize; 2]) -> usize| labels.values().map(of).sum();
+        let mean = labels.values().map(|[right, clips]| share(*right, *clips)).sum::<f64>();
+        Self { whole: share(sum(|l| l[0]), sum(|l| l[1])), mean: mean / labels.len().max(1) as f64 }
+    }
 }
 
 /// The prompts' own clips, as long as the prompts say: cut, or with clips of the same label and split appended.

@@ -49,6 +49,16 @@ pub struct Config {
     pub joined: f64,
     /// Largest relative change of tempo.
     pub tempo: f64,
+    /// Share of examples with recorded legs whose legs and contacts are hidden.
+    #[serde(default)]
+    pub hidden_legs: f64,
+    /// Share of examples with synthetic legs that get the legs of another motion; those of the rest are hidden.
+    #[serde(default)]
+    pub exchanged_legs: f64,
+    /// An example is drawn with a probability that falls with this power of the number of those of its action, or of its style where
+    /// that is rarer; 0 draws all alike, 1 makes labels equally frequent.
+    #[serde(default)]
+    pub balance: f64,
     /// Course of the learning rate.
     pub schedule: schedule::Settings,
     /// Decoupled weight decay.
@@ -77,6 +87,9 @@ impl Default for Config {
             cropped: 0.35,
             joined: 0.15,
             tempo: 0.05,
+            hidden_legs: 0.3,
+            exchanged_legs: 0.7,
+            balance: 0.5,
             schedule: schedule::Settings { learning_rate: 1e-3, warm_up: 100, decay: 1.0, final_rate: 0.01 },
             weight_decay: 0.02,
             clip: 1.0,
@@ -105,6 +118,11 @@ impl Configuration for Config {
         require((2..=4096).contains(&self.batch), "batch", self.batch, "2 to 4096")?;
         for (field, share) in [("dropout", self.dropout), ("tempo", self.tempo)] {
             require((0.0..=0.5).contains(&share), field, share, "0 to 0.5")?;
+        }
+        for (field, share) in
+            [("hidden_legs", self.hidden_legs), ("exchanged_legs", self.exchanged_legs), ("balance", self.balance)]
+        {
+            require((0.0..=1.0).contains(&share), field, share, "0 to 1")?;
         }
         let shares = self.cropped >= 0.0 && self.joined >= 0.0 && self.cropped + self.joined <= 1.0;
         require(shares, "cropped", format!("{} beside joined {}", self.cropped, self.joined), "0 to 1 together")?;

@@ -1,6 +1,6 @@
 //! Training examples: motions with sentences and labels, their mirrored twins, random batches.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use motionette_host::dataset::{Dataset, Side, Split};
 use motionette_host::motion::mirror::mirror_joints;
@@ -9,11 +9,13 @@ use motionette_host::parallel;
 
 use super::Error;
 use super::config::{Config, MAX_FRAMES, MIN_FRAMES};
-use super::motion;
+use super::{legs, motion};
 use crate::normalization::Normalization;
 use crate::prior::captions::{UNKNOWN, Vocabulary, mirrored};
 use crate::random::Random;
 
+/// Motions that are looked at for legs.
+const DONORS: usize = 8;
 /// Shortest part of a motion that a crop keeps.
 const SHORTEST_CROP: f64 = 0.5;
 
@@ -38,11 +40,16 @@ struct Example {
     content: Option<usize>,
     side: Side,
     style: Option<usize>,
+    synthetic_legs: bool,
 }
 
 /// The training split with its mirrored twins.
 pub struct Corpus {
     examples: Vec<Example>,
+    /// Places of those whose legs were recorded.
+    with_legs: Vec<usize>,
+    /// For every example, the number of those of its action, or of its style where that is rarer.
+    alike: Vec<usize>,
     labels: Labels,
     normalization: Normalization,
 }
@@ -72,6 +79,7 @@ struct Raw {
     content: Option<String>,
     side: Side,
     style: Option<String>,
+    synthetic_legs: bool,
 }
 
 impl Corpus {
@@ -95,7 +103,8 @@ impl Corpus {
                 let prepared = motion::prepare(joints)
                     .map_err(|source| Error::Features { name: format!("clip {}", clip.info.id), source })?;
                 let joints = joints[..joints.len().min(MAX_FRAMES)].to_vec();
-                Ok(Raw { joints, features: prepared.features, captions, content, side, style: style.clone() })
+                let (style, synthetic_legs) = (style.clone(), clip.info.synthetic_legs());
+                Ok(Raw { joints, features: prepared.features, captions, content, side, style, synthetic_legs })
             };
             let twins = captions.iter().map(|caption| mirrored(caption)).collect();
             let other_side = |label: &str| mirrored(label).replace(' ', "-");
@@ -114,17 +123,19 @@ impl Corpus {
             contents: sorted(raw.iter().filter_map(|r| r.content.as_ref()).collect()),
             styles: sorted(raw.iter().filter_map(|r| r.style.as_ref()).collect()),
         };
-        let normalization = Normalization::of(raw.iter().map(|r| r.features.as_slice()));
+        let normalization = Normalization::of_measured(raw.iter().map(|r| (r.features.as_slice(), r.synthetic_legs)));
         let example = |raw: Raw| Example {
             features: normalization.apply(&raw.features),
             captions: raw.captions.iter().map(|caption| encoded(&labels.vocabulary, caption, max_words)).collect(),
             content: raw.content.and_then(|name| labels.contents.binary_search(&name).ok()),
             style: raw.style.and_then(|name| labels.styles.binary_search(&name).ok()),
             side: raw.side,
+            synthetic_legs: raw.synthetic_legs,
             joints: raw.joints,
         };
-        let examples = raw.into_iter().map(example).collect();
-        Ok(Self { examples, labels, normalization })
+        let examples: Vec<Example> = raw.into_iter().map(example).collect();
+        let with_legs = (0..examples.len()).filter(|place| !examples[*place].synthetic_legs).collect();
+        Ok(Self { with_legs, alike: alike(&examples), examples, labels, normalization })
     }
 
     /// Number of motions, mirrored ones included.
@@ -142,31 +153,20 @@ impl Corpus {
         &self.normalization
     }
 
-    /// A batch of `config.batch` pairs: whole motions, crops at a slightly other tempo, and motions of one label joined.
+    /// A batch of `config.batch` pairs: whole motions, crops at a slightly other tempo, and motions of one label joined; legs as the
+    /// configuration says.
     ///
     /// # Errors
     /// [`Error::Features`] when a changed motion has no features.
     pub fn batch(&self, config: &Config, random: &mut Random) -> Result<Batch, Error> {
+        let draw = self.weighted(config.balance);
         let mut motions = Vec::with_capacity(config.batch);
         let (mut sentences, mut contents, mut sides, mut styles) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for _ in 0..config.batch {
-            let example = &self.examples[random.below(self.examples.len())];
-            let kind = random.unit();
-            let changed = if kind < config.joined && example.content.is_some() {
-                Some(self.joined(example, random))
-            } else if kind < config.joined + config.cropped {
-                Some(cropped(&example.joints, config.tempo, random))
-            } else {
-                None
-            };
-            motions.push(match changed {
-                Some(joints) => {
-                    let prepared = motion::prepare(&joints)
-                        .map_err(|source| Error::Features { name: "a changed motion".into(), source })?;
-                    self.normalization.apply(&prepared.features)
-                }
-                None => example.features.clone(),
-            });
+            let example = &self.examples[draw.place(random)];
+            let mut rows = self.changed(example, config, random)?;
+            self.change_legs(&mut rows, example.synthetic_legs, config, random);
+            motions.push(rows);
             sentences.push(example.captions[random.below(example.captions.len())].clone());
             contents.push(example.content);
             sides.push(example.side);
@@ -176,6 +176,48 @@ impl Corpus {
         Ok(Batch { features, lengths, sentences, contents, sides, styles })
     }
 
+    /// Normalised rows of an example: whole, a crop at another tempo, or with others of its label behind it.
+    fn changed(&self, example: &Example, config: &Config, random: &mut Random) -> Result<Vec<f32>, Error> {
+        let kind = random.unit();
+        let joints = if kind < config.joined && example.content.is_some() {
+            self.joined(example, random)
+        } else if kind < config.joined + config.cropped {
+            cropped(&example.joints, config.tempo, random)
+        } else {
+            return Ok(example.features.clone());
+        };
+        let prepared =
+            motion::prepare(&joints).map_err(|source| Error::Features { name: "a changed motion".into(), source })?;
+        Ok(self.normalization.apply(&prepared.features))
+    }
+
+    /// Hides legs, or exchanges synthetic ones for those of a motion whose root moves much like this one's.
+    fn change_legs(&self, rows: &mut [f32], synthetic: bool, config: &Config, random: &mut Random) {
+        let chance = random.unit();
+        if !synthetic {
+            if chance < config.hidden_legs {
+                legs::hide(rows);
+            }
+            return;
+        }
+        let donors = if chance < config.exchanged_legs && !self.with_legs.is_empty() { DONORS } else { 0 };
+        let drawn = (0..donors).map(|_| self.with_legs[random.below(self.with_legs.len())]);
+        match legs::nearest(rows, drawn.map(|place| self.examples[place].features.as_slice())) {
+            Some(donor) => legs::replace(rows, donor),
+            None => legs::hide(rows),
+        }
+    }
+
+    /// Examples with the weights that `balance` gives them.
+    fn weighted(&self, balance: f64) -> Weighted {
+        let mut sum = 0.0;
+        let weight = |alike: &usize| {
+            sum += (*alike as f64).powf(-balance);
+            sum
+        };
+        Weighted { sums: self.alike.iter().map(weight).collect() }
+    }
+
     /// Motions of the example's label, itself first, one after another up to a random length.
     fn joined(&self, example: &Example, random: &mut Random) -> Vec<Pose> {
         let shortest = example.joints.len().min(MAX_FRAMES - 1);
@@ -183,11 +225,36 @@ impl Corpus {
         motion::grown(&example.joints, frames, || {
             // A few draws find one of the same label; the rare labels repeat their own.
             let mut others = (0..64).map(|_| &self.examples[random.below(self.examples.len())]);
-            let other =
-                others.find(|o| o.content == example.content && o.side == example.side && o.style == example.style);
+            let label = |e: &Example| (e.content, e.side, e.style, e.synthetic_legs);
+            let other = others.find(|other| label(other) == label(example));
             &other.unwrap_or(example).joints
         })
     }
+}
+
+/// Places that are drawn with their own probabilities.
+struct Weighted {
+    /// Sums of the weights up to and with each place.
+    sums: Vec<f64>,
+}
+
+impl Weighted {
+    /// A place, with a probability in proportion to its weight.
+    fn place(&self, random: &mut Random) -> usize {
+        let at = random.unit() * self.sums.last().copied().unwrap_or_default();
+        self.sums.partition_point(|sum| *sum <= at).min(self.sums.len().saturating_sub(1))
+    }
+}
+
+/// For every example, the number of those of its action, or of its style where that is rarer; of all that have neither for these.
+fn alike(examples: &[Example]) -> Vec<usize> {
+    let (mut contents, mut styles) = (BTreeMap::new(), BTreeMap::new());
+    for example in examples {
+        *contents.entry(example.content).or_insert(0usize) += 1;
+        *styles.entry(example.style).or_insert(0usize) += 1;
+    }
+    let of_style = |example: &Example| example.style.map_or(usize::MAX, |_| styles[&example.style]);
+    examples.iter().map(|example| contents[&example.content].min(of_style(example))).collect()
 }
 
 /// Numbers of a sentence's first `max_words` words; the unknown word for a sentence without any.

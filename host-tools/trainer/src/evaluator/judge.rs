@@ -78,10 +78,19 @@ impl Judge {
 
     /// Judges motions that [`motion::prepare`] gave.
     pub fn motions(&self, motions: &[&Processed]) -> Vec<Judgement<'_>> {
+        self.rows(&motions.iter().map(|motion| self.normalised(motion)).collect::<Vec<_>>())
+    }
+
+    /// Normalised rows `[T][263]` of a motion.
+    pub(super) fn normalised(&self, motion: &Processed) -> Vec<f32> {
+        self.normalization.apply(&motion.features)
+    }
+
+    /// Judges motions from their normalised rows `[T][263]`.
+    pub(super) fn rows(&self, motions: &[Vec<f32>]) -> Vec<Judgement<'_>> {
         let mut judgements = Vec::with_capacity(motions.len());
         for part in motions.chunks(BATCH) {
-            let normalised: Vec<Vec<f32>> = part.iter().map(|m| self.normalization.apply(&m.features)).collect();
-            let Padded { features, lengths } = corpus::padded(&normalised);
+            let Padded { features, lengths } = corpus::padded(part);
             let output = self.network.motion(features, &lengths, None, &self.device);
             let contents = best(output.content, &self.labels.contents);
             let styles = best(output.style, &self.labels.styles);

@@ -5,20 +5,24 @@
 //! | [`config`] | sizes, schedule, weights of the objective |
 //! | [`motion`] | the one road from joints to features; crops, tempo, joined motions |
 //! | [`corpus`] | training examples with mirrored twins, random batches |
+//! | [`legs`] | legs that say nothing: hidden, or those of another motion |
 //! | [`model`] | motion encoder, text encoder, classification heads |
 //! | [`objective`] | contrastive and classification terms |
 //! | [`training`] | one step |
 //! | [`state`] | what is stored of a run: points, figures |
 //! | [`judge`] | the finished evaluator: a file, embeddings and labels of motions and sentences |
+//! | [`check`] | whether a judge rests on legs |
 //! | [`command`] | `motionette-train evaluator` |
 //!
 //! Real, reconstructed and generated motion take the same road: joints, HumanML3D features extracted from them, embedding. An
 //! embedding is a unit vector; distances between embeddings are Euclidean, between 0 and 2.
 
+pub mod check;
 pub mod command;
 pub mod config;
 pub mod corpus;
 pub mod judge;
+pub mod legs;
 pub mod model;
 pub mod motion;
 pub mod objective;

@@ -1,8 +1,10 @@
 //! Whole runs on a small dataset with two labels, and the objective against plain loops.
 
 use burn::tensor::{Device, Tensor, TensorData};
-use motionette_host::dataset::{Builder, Caption, Dataset, Facts, Side, Split};
-use motionette_host::motion::FEATURES;
+use motionette_host::dataset::{Builder, Caption, ClipView, Dataset, Facts, Quality, Side, Split};
+use motionette_host::motion::features::of_legs;
+use motionette_host::motion::mirror::mirror_joints;
+use motionette_host::motion::{FEATURES, Pose};
 use serde_json::json;
 
 use super::config::Config;
@@ -12,7 +14,7 @@ use super::model::{self, MotionOutput, Network};
 use super::motion::prepare;
 use super::objective::objective;
 use super::training::Trainer;
-use super::{Error, command};
+use super::{Error, check, command};
 use crate::harness::{self, Run};
 use crate::prior::captions::Vocabulary;
 use crate::random::Random;
@@ -271,6 +273,101 @@ fn batches_hold_whole_changed_and_joined_motions() {
     }
 }
 
+/// Clips of which four, one of them for validation and one for test, push before a Kinect; the others walk before cameras.
+fn with_kinect(clips: usize) -> Dataset {
+    testing::with_facts(&testing::dataset(clips, 60), |info| {
+        let pushes = ["figure0", "figure2", "figure4", "figure5"].contains(&info.id.as_str());
+        let (action, quality) = if pushes { ("push", Quality::Kinect) } else { ("walk", Quality::Optical) };
+        Facts { action: action.into(), quality, ..testing::facts() }
+    })
+}
+
+/// Channels of legs, or the others, of all rows.
+fn channels(rows: &[f32], legs: bool) -> Vec<f32> {
+    rows.iter().enumerate().filter(|(i, _)| of_legs(i % FEATURES) == legs).map(|(_, value)| *value).collect()
+}
+
+/// Whole motions: what is not of the legs is always a clip's own; legs are hidden, its own, or those of a recorded motion.
+#[test]
+fn no_example_shows_synthetic_legs() {
+    let dataset = with_kinect(12);
+    let corpus = Corpus::new(&dataset, 12).unwrap();
+    let prepared = |joints: &[Pose]| corpus.normalization().apply(&prepare(joints).unwrap().features);
+    let both = |joints: &[Pose]| [prepared(joints), prepared(&mirror_joints(joints))];
+    let of = |quality: Quality| -> Vec<Vec<f32>> {
+        let fits = |clip: &ClipView<'_>| clip.info.facts.as_ref().unwrap().quality == quality;
+        dataset.split(Split::Train).filter(fits).flat_map(|clip| both(clip.joints)).collect()
+    };
+    let (kinect, optical) = (of(Quality::Kinect), of(Quality::Optical));
+    let plain = Config { batch: 60, cropped: 0.0, joined: 0.0, ..tiny() };
+    for (hidden_legs, exchanged_legs) in [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)] {
+        let config = Config { hidden_legs, exchanged_legs, ..plain.clone() };
+        let batch = corpus.batch(&config, &mut Random::new(5, 1)).unwrap();
+        let window = batch.features.len() / 60 / FEATURES;
+        for (index, row) in batch.features.chunks_exact(window * FEATURES).enumerate() {
+            let rows = &row[..batch.lengths[index] * FEATURES];
+            let pushes = batch.contents[index] == Some(0);
+            let sources = if pushes { &kinect } else { &optical };
+            let own = sources.iter().find(|own| channels(own, false) == channels(rows, false)).expect("a clip");
+            let legs = channels(rows, true);
+            let hides = if pushes { exchanged_legs == 0.0 } else { hidden_legs == 1.0 };
+            assert_eq!(legs.iter().all(|value| *value == 0.0), hides, "{hidden_legs} {exchanged_legs}");
+            assert_eq!(legs == channels(own, true), !hides && !pushes);
+            let first = |rows: &[f32]| channels(&rows[..FEATURES], true);
+            assert!(hides || optical.iter().any(|other| first(other) == first(rows)));
+        }
+    }
+    // Where nobody's legs were recorded there are none to take.
+    let all = testing::with_facts(&dataset, |_| Facts { quality: Quality::Kinect, ..testing::facts() });
+    let batch = Corpus::new(&all, 12).unwrap().batch(&plain, &mut Random::new(5, 1)).unwrap();
+    assert!(channels(&batch.features, true).iter().all(|value| *value == 0.0));
+}
+
+#[test]
+fn rare_actions_and_styles_are_drawn_more_often() {
+    // Of 16 training clips one waves, one walks sadly.
+    let dataset = testing::with_facts(&testing::dataset(24, 40), |info| Facts {
+        action: if info.id == "figure1" { "wave" } else { "walk" }.into(),
+        style: (info.id == "figure2").then(|| "sad".into()),
+        ..testing::facts()
+    });
+    let corpus = Corpus::new(&dataset, 12).unwrap();
+    let share = |balance: f64| {
+        let config = Config { balance, batch: 4000, cropped: 0.0, joined: 0.0, ..tiny() };
+        let batch = corpus.batch(&config, &mut Random::new(8, 1)).unwrap();
+        let of = |rare: usize| rare as f64 / 4000.0;
+        let waves = batch.contents.iter().filter(|content| **content == Some(1)).count();
+        (of(waves), of(batch.styles.iter().flatten().count()))
+    };
+    // Twins counted, 2 wave, 30 walk, 2 of them sadly: weights 2^-b and 30^-b.
+    for balance in [0.0, 0.5, 1.0] {
+        let (rare, common) = (2.0 * 2f64.powf(-balance), 28.0 * 30f64.powf(-balance));
+        let wanted = rare / (2.0 * rare + common);
+        let (waves, sad) = share(balance);
+        assert!((waves - wanted).abs() < 0.03 && (sad - wanted).abs() < 0.03, "{balance}: {waves} {sad} {wanted}");
+    }
+}
+
+#[test]
+fn a_judge_is_measured_with_own_and_without_legs() {
+    let dataset = with_kinect(12);
+    let judge = judge(&dataset, 4);
+    let report = check::measure(&judge, &dataset, Split::Test, None).unwrap().unwrap();
+    assert_eq!((report.synthetic, report.recorded), (1, 1));
+    let named = |id: &str| {
+        let clip = dataset.iter().find(|clip| clip.info.id == id).unwrap();
+        judge.motion(clip.joints).unwrap().content
+    };
+    let share = |holds: bool| f64::from(u8::from(holds));
+    assert_eq!(
+        (report.right.own, report.drawn.own),
+        (share(named("figure5") == "push"), share(named("figure11") == "push"))
+    );
+    // The donor walks: with one recorded clip there is no other, and what walks keeps its own legs.
+    assert_eq!((report.drawn.exchanged, report.drawn.decoded), (report.drawn.own, None));
+    assert!(check::measure(&judge, &testing::dataset(12, 60), Split::Test, None).unwrap().is_none());
+}
+
 #[test]
 fn a_checkpoint_round_trips_and_names_what_it_lacks() {
     let dataset = dataset(12, 60);
@@ -314,12 +411,18 @@ fn the_command_trains_resumes_and_measures() {
     let bytes = std::fs::read(&out).unwrap();
     command::run(&args("--resume")).unwrap();
     assert_eq!(std::fs::read(&out).unwrap(), bytes, "nothing was left to do");
-    command::run(&args("--evaluate @out/evaluator.safetensors")).unwrap();
+    let table = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/actions.toml");
+    let measured = |more: &str| args(&format!("--evaluate @out/evaluator.safetensors {more}"));
+    command::run(&measured(&format!("--actions {}", table.display()))).unwrap();
+    testing::assert_refused(command::run(&measured("--actions @absent.toml")), "absent.toml");
+    testing::assert_refused(command::run(&measured("--tokenizer @absent.safetensors")), "absent.safetensors");
 
     let refused = |more: &str, what: &str| testing::assert_refused(command::run(&args(more)), what);
     refused("--set batch=1", "batch");
     refused("--set temperature=0", "temperature");
     refused("--set cropped=0.9", "cropped");
+    refused("--set hidden_legs=1.5", "hidden_legs");
+    refused("--set balance=-0.1", "balance");
     refused("--set schedule.learning_rate=-1", "learning_rate");
     refused("--set charm=1", "charm");
     refused("--resume --seed 4", "configuration");
