@@ -26,7 +26,7 @@ pub struct Args {
     /// Files, settings and pace.
     #[command(flatten)]
     pub options: Options,
-    /// Length of the run; the configuration's 1500 where it is not given.
+    /// Length of the run; the configuration's 3600 where it is not given.
     #[arg(long)]
     pub steps: Option<u64>,
     /// Measures this checkpoint on validation and test split and does not train.
