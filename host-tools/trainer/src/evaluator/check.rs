@@ -28,12 +28,17 @@ pub struct Shares {
     /// The clip through a tokenizer and back, with the legs that the decoder gives to it; none without a tokenizer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decoded: Option<f64>,
+    /// The same without legs and contacts: what is missing here is not missed because of legs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decoded_hidden: Option<f64>,
 }
 
 impl fmt::Display for Shares {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:.3} (legs hidden {:.3}, exchanged {:.3}", self.own, self.hidden, self.exchanged)?;
-        self.decoded.map_or(Ok(()), |share| write!(f, ", decoded {share:.3}"))?;
+        for (condition, share) in [("decoded", self.decoded), ("decoded and hidden", self.decoded_hidden)] {
+            share.map_or(Ok(()), |share| write!(f, ", {condition} {share:.3}"))?;
+        }
         f.write_str(")")
     }
 }
@@ -47,6 +52,8 @@ pub struct Report {
     pub right: Shares,
     /// Clips with recorded legs.
     pub recorded: usize,
+    /// Share of them whose action is named right.
+    pub recorded_right: Shares,
     /// Share of them named as an action that only clips with synthetic legs show.
     pub drawn: Shares,
 }
@@ -54,7 +61,8 @@ pub struct Report {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} clips with synthetic legs, action {}; ", self.synthetic, self.right)?;
-        write!(f, "{} with recorded legs, taken for an action of the others {}", self.recorded, self.drawn)
+        write!(f, "{} with recorded legs, action {}, ", self.recorded, self.recorded_right)?;
+        write!(f, "taken for an action of the others {}", self.drawn)
     }
 }
 
@@ -86,10 +94,12 @@ pub fn measure(judge: &Judge, dataset: &Dataset, split: Split, codec: Option<&Co
     let bench = Bench { judge, codec, recorded: &recorded };
     let elsewhere = actions(dataset, false);
     let only: BTreeSet<&str> = actions(dataset, true).difference(&elsewhere).copied().collect();
+    let right = |clip: &ClipView<'_>, named: &str| clip.info.action() == Some(named);
     Ok(Some(Report {
         synthetic: synthetic.len(),
-        right: bench.shares(&synthetic, &|clip, named| clip.info.action() == Some(named))?,
+        right: bench.shares(&synthetic, &right)?,
         recorded: recorded.len(),
+        recorded_right: bench.shares(&recorded, &right)?,
         drawn: bench.shares(&recorded, &|_, named| only.contains(named))?,
     }))
 }
@@ -97,27 +107,30 @@ pub fn measure(judge: &Judge, dataset: &Dataset, split: Split, codec: Option<&Co
 impl Bench<'_> {
     /// Shares of the clips for which `hit` holds of the action that is named.
     fn shares(&self, clips: &[Shown<'_>], hit: &dyn Fn(&ClipView<'_>, &str) -> bool) -> Result<Shares, Error> {
-        let share = |rows: Vec<Vec<f32>>| {
-            let judged = self.judge.rows(&rows);
+        let share = |rows: &[Vec<f32>]| {
+            let judged = self.judge.rows(rows);
             let hits = clips.iter().zip(judged).filter(|(shown, judged)| hit(&shown.clip, judged.content)).count();
             hits as f64 / clips.len().max(1) as f64
         };
-        let hidden = |shown: &Shown<'_>| {
-            let mut rows = shown.rows.clone();
-            legs::hide(&mut rows);
-            rows
+        let hidden = |rows: &[Vec<f32>]| {
+            let mut rows = rows.to_vec();
+            rows.iter_mut().for_each(|rows| legs::hide(rows));
+            share(&rows)
         };
         let through = |codec: &Codec| {
             let decoded = parallel::map(clips, |Shown { clip, .. }| {
                 rows(self.judge, clip, &codec.decode(&codec.encode(clip.features)))
             });
-            decoded.into_iter().collect::<Result<Vec<_>, _>>().map(share)
+            decoded.into_iter().collect::<Result<Vec<_>, _>>()
         };
+        let own: Vec<Vec<f32>> = clips.iter().map(|shown| shown.rows.clone()).collect();
+        let decoded = self.codec.map(through).transpose()?;
         Ok(Shares {
-            own: share(clips.iter().map(|shown| shown.rows.clone()).collect()),
-            hidden: share(clips.iter().map(hidden).collect()),
-            exchanged: share(clips.iter().map(|shown| self.exchanged(shown)).collect()),
-            decoded: self.codec.map(through).transpose()?,
+            own: share(&own),
+            hidden: hidden(&own),
+            exchanged: share(&clips.iter().map(|shown| self.exchanged(shown)).collect::<Vec<_>>()),
+            decoded: decoded.as_deref().map(share),
+            decoded_hidden: decoded.as_deref().map(hidden),
         })
     }
 

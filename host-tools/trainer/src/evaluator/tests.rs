@@ -363,6 +363,7 @@ fn a_judge_is_measured_with_own_and_without_legs() {
         (report.right.own, report.drawn.own),
         (share(named("figure5") == "push"), share(named("figure11") == "push"))
     );
+    assert_eq!(report.recorded_right.own, share(named("figure11") == "walk"));
     // The donor walks: with one recorded clip there is no other, and what walks keeps its own legs.
     assert_eq!((report.drawn.exchanged, report.drawn.decoded), (report.drawn.own, None));
     assert!(check::measure(&judge, &testing::dataset(12, 60), Split::Test, None).unwrap().is_none());
