@@ -25,7 +25,7 @@ fn forward<T: Real>(limit: f64) {
         let lengths = naive.linear("text.length", &vec![pooled]);
         close(&reference.text.length_logits(&encoded.pooled), &lengths, limit, "length");
 
-        let context = reference.planner.context(&encoded);
+        let context = reference.planner.context(&encoded, 1.0);
         for (z, time, row, open) in [
             (&[5_u16, 0, 2, 2, 4, 1, 3][..], 0.0, 0, (false, false)),
             (&[1], 0.5, 16, (true, false)),
