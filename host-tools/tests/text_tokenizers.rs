@@ -3,6 +3,7 @@
 mod common;
 
 use common::Random;
+use motionette::text::table::WordIds;
 use motionette::text::words::{UNKNOWN, Vocabulary as RuntimeVocabulary, Words};
 use motionette_host::reference::text::Vocabulary;
 
@@ -52,7 +53,7 @@ fn readers() -> impl Fn(&str) -> (Vec<u16>, Vec<u16>) {
     let joined = WORDS.join("\n");
     let reference = Vocabulary::new(&WORDS.map(str::to_owned));
     move |prompt| {
-        let runtime = RuntimeVocabulary::new(&joined);
+        let runtime = WordIds::Listed(RuntimeVocabulary::new(&joined));
         (Words::new(prompt).map(|word| runtime.id(&word)).collect(), reference.read(prompt).ids)
     }
 }
@@ -89,7 +90,8 @@ fn long_words_are_unknown_to_both() {
             let long =
                 WORDS.iter().map(|w| (*w).to_owned()).chain(["b".repeat(31), "b".repeat(32)]).collect::<Vec<_>>();
             let joined = long.join("\n");
-            let runtime: Vec<u16> = Words::new(&prompt).map(|w| RuntimeVocabulary::new(&joined).id(&w)).collect();
+            let runtime: Vec<u16> =
+                Words::new(&prompt).map(|w| WordIds::Listed(RuntimeVocabulary::new(&joined)).id(&w)).collect();
             assert_eq!(runtime, Vocabulary::new(&long).read(&prompt).ids, "{prompt}");
         }
     }

@@ -10,7 +10,7 @@ static SHIPPED: &Aligned<[u8]> = &Aligned(*include_bytes!("../../models/nano.blo
 
 fn understood(text: &str) -> Option<(String, f32)> {
     let model = Model::open(&SHIPPED.0).expect("the shipped model");
-    Understood::of(&model, text).map(|it| (it.phrase.to_string(), it.score))
+    Understood::of(&model, None, text).map(|it| (it.phrase.to_string(), it.score))
 }
 
 #[test]

@@ -45,11 +45,11 @@ impl Written {
         all.kind("codec", 0, 1).bytes(&[0x80, 0x01, 16, 0x80, 0x04, 1, 2]);
         all.bytes(&[2, 9, 1]).bytes(&[3, 1, 1, 9, 9, 0xAC, 0x02, 0]).bytes(&[0x87, 0x02]);
         all.kind("text", 1, 2).bytes(&[0xAC, 0x02, 32]);
-        all.kind("text.encoder", 1, 2).kind("text.encoder.table", 0, 1).text("<none>\n<unknown>\nwalk").transformer();
-        all.kind("text.length", 0, 1).kind("text.bank", 0, 1).text("wave\nrun");
+        all.kind("text.encoder", 1, 2).kind("text.encoder.table", 0, 2).text("<none>\n<unknown>\nwalk").transformer();
+        all.kind("text.length", 0, 1).kind("text.bank", 0, 2).text("wave\nrun");
         all.kind("generator", 1, 2).bytes(&[49]).transformer();
         // c = 3, a = 0.5
-        all.bytes(&[0, 0, 0x40, 0x40]).bytes(&[0, 0, 0, 0x3F]).kind("generator.guidance", 0, 1);
+        all.bytes(&[0, 0, 0x40, 0x40]).bytes(&[0, 0, 0, 0x3F]).kind("generator.guidance", 0, 2);
         all.kind("generator.control", 1, 2).transformer().bytes(&[48, 32, 1, 7]);
         all.bytes(&[5, 24, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x01]).bytes(&[0x80, 0x08]);
         all
@@ -126,6 +126,37 @@ fn skeleton() -> [u8; 264] {
         offset[8..].copy_from_slice(&(-2.0_f32).to_le_bytes());
     }
     bytes
+}
+
+/// The kinds that came with version 4.1, in the place of the older ones.
+#[test]
+fn kinds_of_version_4_1_mean_what_the_format_says() {
+    let written = Written::new();
+    let at = |name: &str| written.kinds.iter().find(|kind| kind.0 == name).expect("a section").1;
+    let bytes = &written.bytes;
+    // 300 words with vectors of 64 numbers, then the transformer; stored prompts as before, three phrases, two of actions, from 0.5 on.
+    let table = [1, 0xAC, 0x02, 64];
+    let after_table = at("text.encoder.table") + 2 + "<none>\n<unknown>\nwalk".len();
+    let bank = [&[1, 8][..], b"wave\nrun", &[8], b"go\nhop\ng", &[2, 0, 0, 0, 0x3F]].concat();
+    let after_bank = at("text.bank") + 2 + "wave\nrun".len();
+    let new = [
+        &bytes[..at("text.encoder.table")],
+        &table,
+        &bytes[after_table..at("text.bank")],
+        &bank,
+        &bytes[after_bank..at("generator.guidance")],
+        &[1],
+        &bytes[at("generator.guidance") + 1..],
+    ]
+    .concat();
+    let (manifest, rest) = Manifest::read(&new, 1).expect("a manifest of version 4.1");
+    assert!(rest.is_empty());
+    let text = manifest.text.expect("text");
+    assert_eq!(text.encoder.expect("an encoder").table, TextTable::Vectors { words: 300, dims: 64 });
+    let phrases = PhraseBank::Meanings { prompts: "wave\nrun", phrases: "go\nhop\ng", actions: 2, threshold: 0.5 };
+    assert_eq!((text.bank, text.bank.names()), (phrases, "wave\nrun"));
+    assert_eq!(manifest.generator.planner().expect("a planner").guidance, Guidance::OnePass);
+    assert_eq!(postcard::to_stdvec(&manifest).as_deref(), Ok(&new[..]), "as the host tools write it");
 }
 
 /// What absent sections are: one byte each.

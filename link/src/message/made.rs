@@ -19,10 +19,10 @@ pub struct Understood {
 }
 
 impl Understood {
-    /// What `model` understood of the prompt `text` of `motion`.
+    /// What `model` understood of the prompt `text`, of whose motion it says that it was `understood`.
     #[must_use]
-    pub fn of(model: &Model<'_>, motion: &Motion<'_>, text: &str) -> Option<Self> {
-        let Some(understood) = motion.understood() else { return Self::of_words(model, text) };
+    pub fn of(model: &Model<'_>, understood: Option<motionette::Understood>, text: &str) -> Option<Self> {
+        let Some(understood) = understood else { return Self::of_words(model, text) };
         let action = understood.action();
         let mut phrase = Phrase::new();
         push(&mut phrase, model.phrase(action.phrase)?);

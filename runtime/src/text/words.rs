@@ -252,8 +252,8 @@ mod tests {
         assert_eq!(ids(&std::format!("{long} person")), [UNKNOWN, id("person")]);
         let vocabulary = "x".repeat(MAX_WORD);
         let word = |n: usize| Words::new(&"x".repeat(n)).next().unwrap();
-        let ids = WordIds::Listed(Vocabulary::new(&vocabulary));
-        assert_eq!((ids.id(&word(MAX_WORD)), ids.id(&word(MAX_WORD + 1))), (0, UNKNOWN));
+        let listed = WordIds::Listed(Vocabulary::new(&vocabulary));
+        assert_eq!((listed.id(&word(MAX_WORD)), listed.id(&word(MAX_WORD + 1))), (0, UNKNOWN));
         // Cut inside a character.
         let umlauts = "ü".repeat(17);
         assert_eq!(Words::new(&umlauts).count(), 1);
