@@ -146,6 +146,54 @@ pub fn prior_checkpoint(seed: u64, norm: &str, activation: &str) -> prior::Prior
     prior::PriorCheckpoint::build(&prior(seed), config).expect("a good checkpoint")
 }
 
+/// Numbers of a word's vector in [`understanding`].
+pub const DIMS: usize = 16;
+
+/// Configuration of a small prior whose words have vectors, that knows three meanings and is told how strongly it is guided.
+pub fn understanding_config() -> String {
+    let mut words = ["a", "person", "walks", "waves", "carry", "run", "tired"];
+    words.sort_by_key(|word| motionette_host::checkpoint::words::hash(word));
+    let list = words.map(|word| format!("\"{word}\"")).join(", ");
+    let meaning = |name: &str, style: bool, phrase: &str| {
+        format!(r#"{{"name": "{name}", "side": "none", "style": {style}, "phrase": "{phrase}"}}"#)
+    };
+    let meanings = [
+        meaning("walk", false, "a person walks"),
+        meaning("wave", false, "a person waves"),
+        meaning("tired", true, "tiredly"),
+    ];
+    let (old, more) = (r#""a", "person", "walks", "waves", "carry", "run", "tired""#, meanings.join(", "));
+    let config = prior_config("pre", "gelu").replace(old, &list);
+    let more = format!(
+        r#""word_vectors": {DIMS}, "word_tiers": [0, 0, 0, 0, 0, 1, 2], "guidance": true, "threshold": 0.6, "meanings": [{more}]"#
+    );
+    config.replacen('{', &format!("{{{more}, "), 1)
+}
+
+/// Every tensor of it.
+pub fn understanding(seed: u64) -> TensorMap {
+    let (words, dt, d) = (7, 8, 12);
+    let mut map = TensorMap::default();
+    for (name, tensor) in prior(seed).iter().filter(|(name, _)| *name != "text.embedding.weight") {
+        map.insert(name, tensor.clone());
+    }
+    let mut random = Random(seed + 1);
+    let mut add = |name: &str, shape: &[usize], change: &dyn Fn(f32) -> f32| {
+        let mut tensor = random_tensor(&mut random, shape, 1.0, 0.0);
+        tensor.data.iter_mut().for_each(|v| *v = change(*v));
+        map.insert(name, tensor);
+    };
+    add("text.vectors.weight", &[words, DIMS], &|v| (7.0 * v).round());
+    add("text.scales.weight", &[words, 1], &|v| half::f16::from_f32(0.2 + 0.1 * v).to_f32());
+    add("text.special.weight", &[2, dt], &|v| v);
+    add("text.projection.weight", &[dt, DIMS], &|v| v);
+    add("text.projection.bias", &[dt], &|v| v);
+    add("text.meaning.weight", &[3, dt], &|v| v);
+    add("text.meaning.bias", &[3], &|v| v);
+    add("planner.guidance.weight", &[5, d], &|v| v);
+    map
+}
+
 /// Metadata of a control with this configuration.
 pub fn control_metadata(config: &str) -> HashMap<String, String> {
     metadata("motionette-control", config)
