@@ -4,7 +4,8 @@ use motionette::generation::tokens::{Planning, PlanningLimits, Session};
 use motionette::memory::Arena;
 use motionette::request::prompt::{Prompt, PromptStats};
 use motionette::text::words::{UNKNOWN, Words};
-use motionette::{Generator, Length, Model, ROWS, Request};
+use motionette::{Generator, Guess, Length, Model, ROWS, Request, Understood};
+use motionette_link::message;
 use motionette_tests::naive_prior::{self, Rows, Scene};
 use motionette_tests::tiny::{PriorShape, Shape, THRESHOLD, Tiny};
 use std::ops::ControlFlow;
@@ -163,4 +164,29 @@ fn motions_say_what_was_understood() {
     assert!(understood(PriorShape::understanding(), &Request::bank("wave").steps(2)).is_some());
     assert!(understood(PriorShape::understanding(), &Request::tokens(&[1, 2, 3])).is_none());
     assert!(understood(PriorShape::default(), &text).is_none());
+}
+
+/// What a device's reply and a sentence for people say, by hand from the numbers of the phrases.
+#[test]
+fn what_was_understood_in_words() {
+    let tiny = tiny(PriorShape::understanding(), 21);
+    let model = Model::open(tiny.bytes()).unwrap();
+    let guess = |phrase, score| Guess { phrase, score };
+    let actions = [guess(2, 0.861), guess(0, 0.5), guess(3, 0.004)];
+    let plain = Understood { actions, style: None, sure: true };
+    let styled = Understood { style: Some(guess(4, 0.7)), ..plain };
+    let unsure = Understood { sure: false, ..styled };
+    let words = |understood| model.in_words(understood).to_string();
+    assert_eq!(words(plain), "a person stands (0.86)");
+    assert_eq!(words(styled), "a person stands, angrily (0.86)");
+    let nearest = "hardly anything; nearest: a person stands (0.86), a person waves (0.50), a person hops (0.00)";
+    assert_eq!(words(unsure), nearest);
+    assert_eq!(words(Understood { actions: [guess(1, 1.0); 3], ..plain }), "a person runs (1.00)");
+    let reply = |understood| message::Understood::of(&model, Some(understood), "a run").unwrap();
+    assert_eq!((reply(plain).phrase.as_str(), reply(plain).score), ("a person stands", 0.861));
+    assert_eq!(reply(styled).phrase.as_str(), "a person stands, angrily");
+    assert!(message::Understood::of(&model, Some(Understood { actions: [guess(60, 0.9); 3], ..plain }), "").is_none());
+    // A model that was not taught says which words it knows.
+    let words = message::Understood::of(&model, None, "a xyzzy run").unwrap();
+    assert_eq!((words.phrase.as_str(), words.score), ("a run", 2.0 / 3.0));
 }
