@@ -199,7 +199,7 @@ impl Config {
                 groups: [0.15, 0.15, 0.05, 0.40, 0.10, 0.12, 0.03],
                 position: 2.0,
                 velocity: 2.0,
-                bones: 12.0,
+                bones: 4.0,
                 legs: 2.0,
                 made_up: 0.1,
                 root: 1.0,
