@@ -19,8 +19,9 @@ use std::collections::HashSet;
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::motion::side::Side;
 pub use error::Error;
-pub use facts::{Facts, Quality, Side};
+pub use facts::{Facts, Quality};
 
 use crate::motion::{FEATURES, JOINTS, Pose};
 

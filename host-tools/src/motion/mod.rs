@@ -6,6 +6,7 @@ pub mod features;
 pub mod mirror;
 pub mod quaternion;
 pub mod recover;
+pub mod side;
 pub mod skeleton;
 pub mod smooth;
 pub mod uniform;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::checkpoint::config::parse;
 use crate::checkpoint::error::{ErrorKind, Result};
 use crate::checkpoint::words::hash;
-use crate::dataset::Side;
+use crate::motion::side::Side;
 
 use super::SPECIAL;
 

@@ -74,6 +74,68 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
     });
 }
 
+/// A student begins as its teacher and learns to say in one pass what that says in two; host tools read it.
+#[test]
+fn guidance_is_distilled_into_one_pass() {
+    let folder = tempfile::tempdir().unwrap();
+    testing::prepare_prior(folder.path());
+    let args = |more: &str| -> Args {
+        let line = "--data @data.mds --tokenizer @tokenizer.safetensors --out @one --log-every 20 --save-every 100 \
+                    --teacher @prior.safetensors --set schedule.learning_rate=0.01 --set schedule.warm_up=1";
+        testing::args(folder.path(), &format!("{line} {more}"))
+    };
+    let student = args("--steps 300 --set dropout=0 --set average_decay=0.9");
+    run(&student).unwrap();
+    let points = State::load(&student.options.state_file()).unwrap().curves.points;
+    let (early, late) = (points[0].loss, points[points.len() - 1].loss);
+    assert!(late < early && late.is_finite(), "cross-entropy with the teacher {early} -> {late}");
+    let teacher = checkpoint::load(&folder.path().join("prior.safetensors")).unwrap();
+    let one = motionette_host::checkpoint::prior::load(&student.options.checkpoint()).unwrap();
+    assert!(one.config.guidance && !teacher.sources.guidance);
+    let table = one.planner.guidance.unwrap();
+    assert_eq!(table.rows, 5);
+    // Strengths are drawn from 1 to 4.
+    assert!(
+        table.weight[table.width..].iter().any(|w| *w != 0.0) && table.weight[..table.width].iter().all(|w| *w == 0.0)
+    );
+    testing::assert_refused(run(&args("--steps 3 --teacher @one.safetensors --out @two")), "one pass already");
+    testing::assert_refused(run(&args("--steps 3 --teacher @data.mds")), "offsets");
+}
+
+/// Words that no caption holds have numbers, and what is meant is learnt, where there are vectors, phrases and actions.
+#[test]
+fn words_with_vectors_and_phrases_are_learnt() {
+    let folder = tempfile::tempdir().unwrap();
+    testing::prepare_tokenizer(folder.path());
+    let dataset = Dataset::load(folder.path().join("data.mds")).unwrap();
+    testing::with_facts(&dataset, |info| motionette_host::dataset::Facts {
+        action: if info.id.ends_with(['1', '3']) { "walk" } else { "kick" }.into(),
+        ..testing::facts()
+    })
+    .save(folder.path().join("data.mds"))
+    .unwrap();
+    let files = "--phrases ../../docs/phrases.toml --words ../../models/words.safetensors --hold-out ../../docs/prompts-test.jsonl";
+    let args = args(folder.path(), &format!("{files} --steps 120 --log-every 10 --save-every 100 --set meaning=1"));
+    run(&args).unwrap();
+    let points = State::load(&args.options.state_file()).unwrap().curves.points;
+    assert!(points[points.len() - 1].meaning < 0.5 * points[0].meaning, "{points:?}");
+    let prior = motionette_host::checkpoint::prior::load(&args.options.checkpoint()).unwrap();
+    assert_eq!((prior.config.word_vectors, prior.config.vocabulary.len()), (64, 11_076));
+    let names: Vec<&str> = prior.config.meanings.iter().map(|meaning| meaning.name.as_str()).collect();
+    assert_eq!(names, ["kick", "walk"]);
+    // The table is what it was.
+    let table = motionette_host::checkpoint::WordTable::read(Path::new("../../models/words.safetensors")).unwrap();
+    let motionette_host::checkpoint::prior::WordRows::Vectors(vectors) = &prior.text.table else { panic!("vectors") };
+    assert!(vectors.numbers.iter().zip(&table.numbers).all(|(a, b)| *a == f32::from(*b)));
+    assert_eq!(vectors.scales, table.scales);
+    testing::assert_refused(run(&self::args(folder.path(), "--steps 3 --words @data.mds")), "tensor `hash` not found");
+    testing::assert_refused(run(&self::args(folder.path(), "--steps 3 --phrases @data.mds")), "phrases");
+    testing::assert_refused(
+        run(&self::args(folder.path(), "--steps 3 --hold-out ../../docs/phrases.toml")),
+        "no JSON object",
+    );
+}
+
 #[test]
 fn bad_input_is_refused() {
     let folder = tempfile::tempdir().unwrap();
