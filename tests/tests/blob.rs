@@ -103,6 +103,62 @@ fn refused_values_name_tensor_and_element() {
     assert_eq!(with(scales, f32::MIN_POSITIVE / 2.0), Err(Error::TensorValue { index: 4, element: 0 }));
 }
 
+/// Hashes that do not rise, scales that are not positive, a layer of another width than the vectors, phrases that cannot be.
+#[test]
+fn malformed_word_vectors_are_refused() {
+    let shape = Shape { prior: Some(PriorShape::understanding()), ..Shape::with_prior() };
+    let tiny = Tiny::new(shape, 5);
+    let weights = |name: &str| {
+        let file = blob_table(tiny.bytes());
+        file.into_iter().find(|(found, ..)| found == name).expect("in the table")
+    };
+    let with = |at: usize, bytes: &[u8]| {
+        let mut blob = Editable::new(tiny.bytes());
+        assert_eq!(blob.open(), Ok(()));
+        blob.bytes()[at..at + bytes.len()].copy_from_slice(bytes);
+        blob.repair();
+        blob.open()
+    };
+    let (_, hashes, index) = weights("hashes");
+    let first: [u8; 4] = tiny.bytes()[hashes..hashes + 4].try_into().expect("four");
+    assert_eq!(with(hashes + 4, &first), Err(Error::TensorValue { index, element: 1 }));
+    assert_eq!(with(hashes + 4, &[0; 4]), Err(Error::TensorValue { index, element: 1 }));
+    let (_, scales, index) = weights("scales");
+    for bits in [[0, 0], [0, 0x80], [1, 0xBC], [0, 0x7C]] {
+        assert_eq!(with(scales + 2, &bits), Err(Error::TensorValue { index, element: 1 }), "{bits:?}");
+    }
+    // The format of the hashes, three dimensions: as singles they are of another format.
+    let entry = tiny.bytes().windows(7).position(|bytes| bytes == b"\x06hashes").expect("in the table") + 7;
+    assert_eq!(tiny.bytes()[entry..entry + 4], [5, 1, 1, 6]);
+    assert!(matches!(with(entry, &[3]), Err(Error::TensorShape { found: 6, expected: 6, .. })));
+    // Six phrases, four of them actions, then the threshold.
+    let phrases = tiny.bytes().windows(5).position(|bytes| bytes == b"sadly").expect("a phrase") + 5;
+    assert_eq!(tiny.bytes()[phrases], 4);
+    for (actions, found) in [(0, 0), (7, 7)] {
+        assert_eq!(with(phrases, &[actions]), Err(Error::Config { what: "text.bank.actions", found, limit: 6 }));
+    }
+    let threshold = |value: f32| with(phrases + 1, &value.to_le_bytes());
+    for value in [0.0, -1.0, 1.0, f32::NAN, f32::INFINITY] {
+        assert!(matches!(threshold(value), Err(Error::Config { what: "text.bank.threshold, percent", .. })), "{value}");
+    }
+    assert_eq!(threshold(0.25), Ok(()));
+}
+
+/// Names, places and numbers of the tensors.
+fn blob_table(blob: &[u8]) -> Vec<(String, usize, u16)> {
+    let header = motionette::blob::Header::parse(blob).expect("a header");
+    let manifest = &blob[motionette::blob::HEADER_LEN..][..header.manifest_len as usize];
+    let (manifest, mut table) = motionette::blob::Manifest::read(manifest, header.minor).expect("a manifest");
+    (0..manifest.tensor_count)
+        .map(|index| {
+            let (entry, rest) =
+                postcard::take_from_bytes::<motionette::blob::TensorEntry<'_>>(table).expect("an entry");
+            table = rest;
+            (entry.name.to_owned(), (header.weights_offset + entry.offset) as usize, index)
+        })
+        .collect()
+}
+
 /// 4-bit weights of another shape or type than their place needs, and where rows are embeddings.
 #[test]
 fn malformed_four_bit_weights_are_refused() {
@@ -120,8 +176,8 @@ fn malformed_four_bit_weights_are_refused() {
         blob.open()
     };
     // A number format that came later.
-    let unknown = Error::Unknown { section: "tensor format", found: 5, known: 5, minor: 0 };
-    assert_eq!(with(entry("token"), 5), Err(unknown));
+    let unknown = Error::Unknown { section: "tensor format", found: 6, known: 6, minor: 0 };
+    assert_eq!(with(entry("token"), 6), Err(unknown));
     // The number format, three dimensions, the offset; the first block's queries of the text.
     let (query, token) = (entry("cq"), entry("token"));
     assert_eq!(tiny.bytes()[query..query + 4], [4, 1, 32, 32]);

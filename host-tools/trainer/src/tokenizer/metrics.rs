@@ -349,7 +349,7 @@ mod tests {
         };
         assert!((report(&longer(60), false).bones_p99_mm.unwrap() - 7.0).abs() < 1e-2);
         assert!(report(&longer(3), false).bones_p99_mm.unwrap() < 1e-2);
-        let shaken = report(&|t, pose| pose[20][0] += 0.02 * (t % 2) as f32, false).jerk.unwrap();
+        let shaken = report(&|t, pose| pose[20][0] += 0.04 * (t % 2) as f32, false).jerk.unwrap();
         assert!(shaken.decoded > 1.5 * shaken.real, "{shaken:?}");
         let slid = |t: usize, pose: &mut Pose| pose[10] = [0.03 * t as f32, 0.0, 0.0];
         assert_eq!(report(&slid, false).skating.unwrap().decoded, 1.0);
