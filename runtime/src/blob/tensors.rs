@@ -159,17 +159,6 @@ impl<'a> Tensor<'a> {
         Ok(values)
     }
 
-    /// Bit patterns of `length` halves that are positive and finite: scales.
-    ///
-    /// # Errors
-    /// [`Error::TensorShape`] or [`Error::TensorValue`].
-    pub fn half_scales(&self, length: u16) -> Result<&'a [u16], Error> {
-        let values = self.f16s(1, length)?;
-        // Bit patterns of negative numbers have the highest bit.
-        self.refuse(values, |v| v == 0 || v & 0x8000 != 0)?;
-        Ok(values)
-    }
-
     /// `length` hashes, rising.
     ///
     /// # Errors

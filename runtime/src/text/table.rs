@@ -45,6 +45,8 @@ impl WordIds<'_> {
         word.forms(|form| self.position(form)).unwrap_or(UNKNOWN)
     }
 
+    // Looked up for every form of a word, from three places.
+    #[inline(never)]
     fn position(&self, word: &[u8]) -> Option<u16> {
         match self {
             WordIds::Listed(words) => words.position(word),
@@ -103,7 +105,7 @@ impl<'a> WordTable<'a> {
             TextTable::Vectors { words, dims } => {
                 let hashes = tensors.take()?.hashes(words)?;
                 let numbers = tensors.take()?.nibbles([1, words, dims])?;
-                let scales = tensors.take()?.half_scales(words)?;
+                let scales = tensors.take()?.f16s(1, words)?;
                 let special = Embedding::open(tensors, SPECIAL, width)?;
                 let index = tensors.index();
                 let projection = Linear::open(tensors, dims, width)?;
@@ -128,7 +130,8 @@ impl<'a> WordTable<'a> {
         match &self.rows {
             Rows::Embedding(table) => table.bound(),
             Rows::Vectors { scales, special, projection, .. } => {
-                let largest = scales.iter().fold(0.0, |most, scale| larger(most, f16::from_bits(*scale).to_f32()));
+                let largest =
+                    scales.iter().fold(0.0, |most, scale| larger(most, f16::from_bits(*scale).to_f32().abs()));
                 larger(special.bound(), projection.bound(LARGEST * largest))
             }
         }
@@ -153,21 +156,18 @@ impl<'a> WordTable<'a> {
     }
 }
 
-/// `x[n] = (scale * sum_k q[k] w[n][k]) * s[n] + b[n]` of 4-bit numbers `q`, from `x` of zeros; the sum is exact.
+/// `x[n] = (scale * sum_k q[k] w[n][k]) * s[n] + b[n]` of 4-bit numbers `q`; the sum is exact.
 #[inline(never)]
 fn project(layer: &Linear<'_>, vector: &[u8], scale: f32, x: &mut [f32]) {
-    let (groups, _) = vector.as_chunks::<GROUP_BYTES>();
-    for (group, bytes) in groups.iter().enumerate() {
-        let numbers = unpacked(bytes);
-        for (n, x) in x.iter_mut().enumerate() {
-            let (weights, _) = layer.row(n);
-            let weights = part!(weights, group * GROUP..(group + 1) * GROUP);
-            let sum: i32 = numbers.iter().zip(weights).map(|(q, w)| i32::from(*q) * i32::from(*w)).sum();
-            // Whole numbers below 2^24: as exact in f32.
-            *x += sum as f32;
-        }
-    }
+    let (vector, _) = vector.as_chunks::<GROUP_BYTES>();
     for (n, x) in x.iter_mut().enumerate() {
-        *x = (scale * *x) * layer.row(n).1 + layer.bias(n);
+        let (weights, s) = layer.row(n);
+        let mut sum = 0;
+        for (bytes, weights) in vector.iter().zip(weights.as_chunks::<GROUP>().0) {
+            for (q, w) in unpacked(bytes).iter().zip(weights) {
+                sum += i32::from(*q) * i32::from(*w);
+            }
+        }
+        *x = (scale * sum as f32) * s + layer.bias(n);
     }
 }
