@@ -1,6 +1,6 @@
 //! Blobs that are cut short, damaged, of another version or hostile: each is refused with an error that says why.
 
-use motionette::blob::{Error, HEADER_LEN, Header};
+use motionette::blob::{Error, HEADER_LEN, Header, Manifest, TensorEntry};
 use motionette::{Generator, Model, Request};
 use motionette_tests::tiny::{PriorShape, Shape, Tiny};
 
@@ -146,13 +146,12 @@ fn malformed_word_vectors_are_refused() {
 
 /// Names, places and numbers of the tensors.
 fn blob_table(blob: &[u8]) -> Vec<(String, usize, u16)> {
-    let header = motionette::blob::Header::parse(blob).expect("a header");
-    let manifest = &blob[motionette::blob::HEADER_LEN..][..header.manifest_len as usize];
-    let (manifest, mut table) = motionette::blob::Manifest::read(manifest, header.minor).expect("a manifest");
+    let header = Header::parse(blob).expect("a header");
+    let manifest = &blob[HEADER_LEN..][..header.manifest_len as usize];
+    let (manifest, mut table) = Manifest::read(manifest, header.minor).expect("a manifest");
     (0..manifest.tensor_count)
         .map(|index| {
-            let (entry, rest) =
-                postcard::take_from_bytes::<motionette::blob::TensorEntry<'_>>(table).expect("an entry");
+            let (entry, rest) = postcard::take_from_bytes::<TensorEntry<'_>>(table).expect("an entry");
             table = rest;
             (entry.name.to_owned(), (header.weights_offset + entry.offset) as usize, index)
         })
