@@ -1,15 +1,14 @@
 //! `motionette-train prior`: trains or resumes a prior.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context as _, ensure};
+use anyhow::ensure;
 
 use motionette_host::checkpoint::prior::codebook_hash;
 use motionette_host::checkpoint::{WordTable, file_hash};
 use motionette_host::console::remark;
 use motionette_host::dataset::Dataset;
 use motionette_host::import::phrases::Phrases;
-use motionette_host::input;
 use serde_json::json;
 
 use super::checkpoint;
@@ -19,6 +18,7 @@ use super::corruption::Metric;
 use super::sentences::Sentences;
 use super::state::{Sources, State};
 use super::training::{Teacher, Trainer};
+use crate::evaluate::prompts::file;
 use crate::harness::options::{finish, with_default};
 use crate::harness::{Length, Options, Run};
 use crate::tokenizer::checkpoint::Checkpoint;
@@ -54,20 +54,6 @@ pub struct Args {
     pub preset: String,
 }
 
-/// The texts of prompts in JSON lines.
-fn texts(path: &Path) -> anyhow::Result<Vec<String>> {
-    let context = || format!("cannot read the prompts in {}", path.display());
-    let lines = input::read_text(path, input::WRITTEN).with_context(context)?;
-    let prompts =
-        lines.lines().map(str::trim).enumerate().filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
-    let text =
-        |line: &str| Some(serde_json::from_str::<serde_json::Value>(line).ok()?.get("text")?.as_str()?.to_owned());
-    let named = |(at, line): (usize, &str)| {
-        text(line).with_context(|| format!("{} line {}: no JSON object with a `text`", path.display(), at + 1))
-    };
-    prompts.map(named).collect()
-}
-
 const SET: &str = "Changes one setting, e.g. `dropout=0.2` or `architecture.planner.layers=6`; may be repeated";
 
 /// Runs the command.
@@ -83,7 +69,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let tokenizer = Checkpoint::load(&args.tokenizer)?;
     let table = args.words.as_deref().map(WordTable::read).transpose()?;
     let phrases = args.phrases.as_ref().map(Phrases::read).transpose()?;
-    let held_out = args.hold_out.as_deref().map(texts).transpose()?.unwrap_or_default();
+    let held_out = args.hold_out.as_deref().map(file::texts).transpose()?.unwrap_or_default();
     let sentences = Sentences::new(&dataset, table.as_ref(), phrases).without(held_out.iter().map(String::as_str));
     let codes = &tokenizer.config.architecture;
     let sentences = match &teacher {

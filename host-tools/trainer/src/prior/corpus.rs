@@ -15,7 +15,7 @@ use super::Error;
 use super::config::{Config, MAX_TOKENS};
 use super::corruption::Metric;
 use super::model::Example;
-use super::sentences::{Said, Sentences};
+use super::sentences::{NORMAL, Said, Sentences};
 use crate::random::Random;
 use crate::tokenizer::checkpoint::Checkpoint;
 use crate::tokenizer::config::{FEATURES, FRAMES_PER_TOKEN};
@@ -30,8 +30,6 @@ const CONTINUATIONS: usize = 12;
 const LEAST_OF_EACH: usize = 5;
 /// Sentences about each motion that are measured.
 const SENTENCES: usize = 4;
-/// The style that is none.
-const NORMAL: &str = "normal";
 /// Streams of random numbers of sentences that mean nothing.
 const NONSENSE_STREAM: u64 = 1 << 42;
 
@@ -110,7 +108,7 @@ pub struct Corpus<'d> {
     /// Motions of the same labels and the same side.
     alike: BTreeMap<(Label<'d>, bool), Vec<usize>>,
     sentences: Sentences,
-    /// Motions of the same action and side, twins apart, by action.
+    /// Motions by the actions of their clips, twins with them.
     by_action: Vec<Vec<usize>>,
 }
 
@@ -324,7 +322,7 @@ impl<'d> Corpus<'d> {
         }
         // As much of the first as leaves room for the second.
         let most = MAX_TOKENS / 2 + random.below(MAX_TOKENS / 4);
-        let kept = if pieces.len() > most { most } else { pieces.len() };
+        let kept = pieces.len().min(most);
         let last = pieces.get(kept - 1)?.token;
         let room = MAX_TOKENS - kept;
         let mut best: Option<(f32, [usize; 3])> = None;

@@ -6,14 +6,12 @@ use super::captions::UNCONDITIONAL;
 use super::config::{Architecture, MAX_TOKENS, TIME_BINS};
 use super::state::Sources;
 use crate::transformer::{Attended, Dropout, Guest, Layout, Rows, Weights, padding};
-use motionette_host::checkpoint::prior::STRENGTHS;
+use motionette_host::checkpoint::prior::{SPECIAL, STRENGTHS};
 
 /// Deviation of embeddings at the start.
 const EMBEDDING: f64 = 0.1;
 /// Gain of the layer that takes words' vectors, which are no longer than 1.
 const PROJECTION: f64 = 3.0;
-/// Words without a vector: the empty prompt, the unknown word.
-const SPECIAL: usize = 2;
 
 /// All parameters in the order of the checkpoint.
 pub fn layout(a: &Architecture, sources: &Sources) -> Layout {

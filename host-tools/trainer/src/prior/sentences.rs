@@ -16,7 +16,7 @@ use crate::random::Random;
 /// Share of phrases with a misspelt word.
 const MISSPELT: f64 = 0.03;
 /// The style that is none.
-const NORMAL: &str = "normal";
+pub const NORMAL: &str = "normal";
 /// Words that say a side.
 const SIDES: [&str; 4] = ["left", "right", "clockwise", "counterclockwise"];
 /// A phrase that is held out is drawn again so often; then there is a caption in its place.
@@ -168,10 +168,10 @@ impl Sentences {
     }
 
     /// The first caption of a clip or its twin.
-    pub fn first(&self, clip: &ClipView<'_>, twin: bool, config_words: usize) -> Vec<usize> {
+    pub fn first(&self, clip: &ClipView<'_>, twin: bool, max_words: usize) -> Vec<usize> {
         let text = &clip.info.captions[0].text;
         let text = if twin { mirrored(text) } else { text.clone() };
-        let words = self.vocabulary.read(&text, config_words);
+        let words = self.vocabulary.read(&text, max_words);
         if words.is_empty() { vec![UNCONDITIONAL] } else { words }
     }
 

@@ -132,7 +132,7 @@ fn words_with_vectors_and_phrases_are_learnt() {
     testing::assert_refused(run(&self::args(folder.path(), "--steps 3 --phrases @data.mds")), "phrases");
     testing::assert_refused(
         run(&self::args(folder.path(), "--steps 3 --hold-out ../../docs/phrases.toml")),
-        "no JSON object",
+        "not a JSON object",
     );
 }
 

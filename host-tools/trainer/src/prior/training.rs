@@ -344,11 +344,7 @@ mod tests {
         let wanted = [sigmoid(0.5), 1.0 - sigmoid(-1.0), sigmoid(2.0), 1.0 - sigmoid(-1.0), 1.0 - sigmoid(-2.0)];
         assert!((score.loss + wanted.map(f64::ln).iter().sum::<f64>()).abs() < 1e-5);
         for i in 0..logits.len() {
-            let mut moved = logits;
-            moved[i] += 1e-3;
-            let above = loss(&moved);
-            moved[i] -= 2e-3;
-            let slope = (above - loss(&moved)) / 2e-3;
+            let slope = crate::testing::slope(loss, &logits, i, 1e-3);
             assert!((slope - f64::from(gradient[i])).abs() < 1e-3, "{i}: {slope} {}", gradient[i]);
         }
     }
@@ -363,11 +359,7 @@ mod tests {
         let score = soft_cross_entropy(&mut gradient, &teacher, &targets, 1.0);
         assert_eq!((score.count, score.right), (1.0, 1.0));
         for i in 0..logits.len() {
-            let mut moved = logits;
-            moved[i] += 1e-3;
-            let above = loss(&moved);
-            moved[i] -= 2e-3;
-            let slope = (above - loss(&moved)) / 2e-3;
+            let slope = crate::testing::slope(loss, &logits, i, 1e-3);
             assert!((slope - f64::from(gradient[i])).abs() < 1e-3, "{i}: {slope} {}", gradient[i]);
         }
         // The teacher's own logits cannot be bettered.
@@ -385,11 +377,7 @@ mod tests {
         let score = cross_entropy(&mut gradient, &targets, 1.0);
         assert_eq!((score.count, score.right), (2.0, 1.0));
         for i in 0..logits.len() {
-            let mut moved = logits;
-            moved[i] += 1e-3;
-            let above = loss(&moved);
-            moved[i] -= 2e-3;
-            let slope = (above - loss(&moved)) / 2e-3;
+            let slope = crate::testing::slope(loss, &logits, i, 1e-3);
             assert!((slope - f64::from(gradient[i])).abs() < 1e-3, "{i}: {slope} {}", gradient[i]);
         }
     }

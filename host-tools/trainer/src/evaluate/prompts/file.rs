@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use motionette_host::import::actions::Actions;
 use motionette_host::input;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 /// The fields of a line.
 const FIELDS: [&str; 3] = ["text", "actions", "styles"];
@@ -85,31 +85,60 @@ pub fn read(path: &Path, table: &Actions, styles: &BTreeSet<String>) -> Result<V
     parse(path, &text, table, styles)
 }
 
+/// The texts alone of the prompts in a file, whatever else it says of them.
+///
+/// # Errors
+/// As [`read`], but of other fields.
+pub fn texts(path: &Path) -> Result<Vec<String>, Error> {
+    let written = input::read_text(path, input::WRITTEN).map_err(|source| Error::Read { path: path.into(), source })?;
+    let text = |(line, object): Numbered| {
+        text_of(&object).map_err(|problem| Error::Field { path: path.into(), line, field: "text".into(), problem })
+    };
+    objects(path, &written)?.into_iter().map(text).collect()
+}
+
+/// A JSON object and its line, from 1.
+type Numbered = (usize, Map<String, Value>);
+
+/// The objects in `text`.
+fn objects(path: &Path, text: &str) -> Result<Vec<Numbered>, Error> {
+    let mut objects = Vec::new();
+    for (index, written) in text.lines().enumerate() {
+        if written.trim().is_empty() || written.trim_start().starts_with('#') {
+            continue;
+        }
+        let json = |message: String| Error::Json { path: path.into(), line: index + 1, message };
+        match serde_json::from_str(written).map_err(|error| json(error.to_string()))? {
+            Value::Object(object) => objects.push((index + 1, object)),
+            _ => return Err(json("it is another JSON value".into())),
+        }
+    }
+    Ok(objects)
+}
+
+/// The prompt that an object holds, or what is wrong with it.
+fn text_of(object: &Map<String, Value>) -> Result<String, String> {
+    let text = object.get("text").ok_or("missing; give the prompt")?;
+    Ok(text.as_str().ok_or_else(|| format!("{text} is no text"))?.to_owned())
+}
+
 /// The prompts in `text`; `path` is what errors name.
 ///
 /// # Errors
 /// As [`read`], but for [`Error::Read`].
 pub fn parse(path: &Path, text: &str, table: &Actions, styles: &BTreeSet<String>) -> Result<Vec<Line>, Error> {
     let mut lines = Vec::new();
-    for (index, written) in text.lines().enumerate() {
-        let number = index + 1;
-        if written.trim().is_empty() || written.trim_start().starts_with('#') {
-            continue;
-        }
-        let json = |message: String| Error::Json { path: path.into(), line: number, message };
+    for (number, object) in objects(path, text)? {
         let fail = |field: &str, problem: String| Error::Field {
             path: path.into(),
             line: number,
             field: field.into(),
             problem,
         };
-        let value: Value = serde_json::from_str(written).map_err(|error| json(error.to_string()))?;
-        let object = value.as_object().ok_or_else(|| json("it is another JSON value".into()))?;
         if let Some(other) = object.keys().find(|key| !FIELDS.contains(&key.as_str())) {
             return Err(fail(other, format!("unknown; fields are {}", FIELDS.join(", "))));
         }
-        let text = object.get("text").ok_or_else(|| fail("text", "missing; give the prompt".into()))?;
-        let text = text.as_str().ok_or_else(|| fail("text", format!("{text} is no text")))?.to_owned();
+        let text = text_of(&object).map_err(|problem| fail("text", problem))?;
         let names = |field: &str, known: &dyn Fn(&str) -> bool, kind: &str| -> Result<Vec<String>, Error> {
             let Some(value) = object.get(field) else { return Ok(Vec::new()) };
             let list = value.as_array().ok_or_else(|| fail(field, format!("{value} is no list of names")))?;
