@@ -119,6 +119,13 @@ fn malformed_word_vectors_are_refused() {
         blob.repair();
         blob.open()
     };
+    // Rows of 24 numbers would lie in rows of 32.
+    let odd = Tiny::new(
+        Shape { prior: Some(PriorShape { vectors: 24, ..PriorShape::understanding() }), ..Shape::with_prior() },
+        5,
+    );
+    let refused = Error::Config { what: "text.encoder.table.dims, no multiple of", found: 24, limit: 16 };
+    assert_eq!(Editable::new(odd.bytes()).open(), Err(refused));
     let (_, hashes, index) = weights("hashes");
     let first: [u8; 4] = tiny.bytes()[hashes..hashes + 4].try_into().expect("four");
     assert_eq!(with(hashes + 4, &first), Err(Error::TensorValue { index, element: 1 }));
@@ -139,7 +146,7 @@ fn malformed_word_vectors_are_refused() {
     }
     let threshold = |value: f32| with(phrases + 1, &value.to_le_bytes());
     for value in [0.0, -1.0, 1.0, f32::NAN, f32::INFINITY] {
-        assert!(matches!(threshold(value), Err(Error::Config { what: "text.bank.threshold, percent", .. })), "{value}");
+        assert!(matches!(threshold(value), Err(Error::Number { what: "text.bank.threshold", .. })), "{value}");
     }
     assert_eq!(threshold(0.25), Ok(()));
 }

@@ -149,6 +149,16 @@ fn a_prompt_is_understood_as_its_likeliest_phrases() {
     );
 }
 
+/// A model of two actions names two.
+#[test]
+fn actions_that_are_not_there_are_not_named() {
+    let tiny = tiny(PriorShape { actions: 2, ..PriorShape::understanding() }, 22);
+    let scene = Scene { tokens: vec![1, 2], ..Scene::default() };
+    let [first, second, third] = pass(&tiny, "run", &scene, 2.0).0.understood.unwrap().actions;
+    assert!(first.score >= second.score && second.score > 0.0 && first.phrase + second.phrase == 1);
+    assert_eq!(third, Guess::NONE);
+}
+
 /// Through the generator, for text and stored prompts; nothing where there is no prompt, or nobody taught the model.
 #[test]
 fn motions_say_what_was_understood() {
@@ -182,6 +192,8 @@ fn what_was_understood_in_words() {
     let nearest = "hardly anything; nearest: a person stands (0.86), a person waves (0.50), a person hops (0.00)";
     assert_eq!(words(unsure), nearest);
     assert_eq!(words(Understood { actions: [guess(1, 1.0); 3], ..plain }), "a person runs (1.00)");
+    let few = Understood { actions: [guess(0, 0.5), Guess::NONE, Guess::NONE], ..unsure };
+    assert_eq!(words(few), "hardly anything; nearest: a person waves (0.50)");
     let reply = |understood| message::Understood::of(&model, Some(understood), "a run").unwrap();
     assert_eq!((reply(plain).phrase.as_str(), reply(plain).score), ("a person stands", 0.861));
     assert_eq!(reply(styled).phrase.as_str(), "a person stands, angrily");

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use ::safetensors::{Dtype, SafeTensors};
+use motionette::numerics::hash::fnv32;
 
 use super::error::{Error, ErrorKind, Result};
 use super::tensors::to_f32;
@@ -93,10 +94,10 @@ impl WordTable {
     }
 }
 
-/// FNV-1a, 32 bits, of a word's UTF-8 bytes.
+/// FNV-1a, 32 bits, of a word's UTF-8 bytes: the hash that a device looks it up by.
 #[must_use]
 pub fn hash(word: &str) -> u32 {
-    word.bytes().fold(0x811C_9DC5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+    fnv32(word.as_bytes())
 }
 
 #[cfg(test)]

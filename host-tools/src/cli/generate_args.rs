@@ -217,7 +217,7 @@ impl GenerateArgs {
                 format!("; it stores {}", stored.join(", "))
             }
             motionette::Error::Prompt(PromptError::OnlyUnknownWords { .. }) => {
-                "; `motionette inspect --vocabulary` lists the words it knows".to_owned()
+                "; `motionette inspect --vocabulary` lists what it knows".to_owned()
             }
             motionette::Error::Planning(motionette::generation::tokens::PlanningError::NoPlanner) => {
                 "; convert it with --prior".to_owned()

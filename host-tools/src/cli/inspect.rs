@@ -46,9 +46,7 @@ impl Cmd {
             crate::verify::check_same_model(&blob, checkpoint)?;
         }
         let prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
-        if let Some(prior) = &prior {
-            crate::verify::check_same_prior(&blob, prior)?;
-        }
+        let prior = prior.map(|prior| crate::verify::same_words(&blob, prior)).transpose()?;
         let control = self.control.as_deref().map(control::load).transpose().context("reading the control")?;
         if let Some(control) = &control {
             crate::verify::check_same_control(&blob, control)?;

@@ -294,7 +294,7 @@ impl core::fmt::Display for InWords<'_> {
             return score(f, action);
         }
         let mut separator = "hardly anything; nearest: ";
-        for guess in actions {
+        for guess in actions.into_iter().filter(|guess| *guess != Guess::NONE) {
             write!(f, "{separator}{}", phrase(guess))?;
             score(f, guess)?;
             separator = ", ";

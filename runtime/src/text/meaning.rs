@@ -23,7 +23,7 @@ pub struct Meanings<'a> {
 }
 
 /// A phrase of the model with its probability.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Guess {
     /// Number of the phrase: [`crate::Model::phrase`] says it.
@@ -36,12 +36,17 @@ pub struct Guess {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Understood {
-    /// The likeliest actions, the first of them first; fewer where the model knows fewer.
+    /// The likeliest actions, the first of them first; behind the last that the model knows [`Guess::NONE`].
     pub actions: [Guess; NEAREST],
     /// The style, where one is likely.
     pub style: Option<Guess>,
     /// Whether the first action is likely enough to be what was meant; otherwise the model has hardly learnt what was asked for.
     pub sure: bool,
+}
+
+impl Guess {
+    /// No phrase at all.
+    pub const NONE: Self = Guess { phrase: u16::MAX, score: 0.0 };
 }
 
 impl<'a> Meanings<'a> {
@@ -58,13 +63,6 @@ impl<'a> Meanings<'a> {
         }
         if actions == 0 || u32::from(actions) > found {
             return Err(Error::Config { what: "text.bank.actions", found: u32::from(actions), limit: found });
-        }
-        if !(threshold > 0.0 && threshold < 1.0) {
-            return Err(Error::Config {
-                what: "text.bank.threshold, percent",
-                found: (100.0 * threshold) as u32,
-                limit: 99,
-            });
         }
         let head = Linear::open(tensors, width, found as u16)?;
         Ok(Some(Meanings { phrases, actions: usize::from(actions), threshold, head }))
@@ -98,8 +96,8 @@ impl<'a> Meanings<'a> {
     /// What a prompt with this pooled vector was understood as; works in `logits`, of which there is one a phrase.
     pub fn understand(&self, pooled: &[f32], logits: &mut [f32], scratch: &mut BlockScratch<'_>) -> Understood {
         scratch.linear(&self.head, pooled, logits);
-        let mut nearest = [Guess::default(); NEAREST];
-        let mut style = Guess::default();
+        let mut nearest = [Guess::NONE; NEAREST];
+        let mut style = Guess::NONE;
         for (phrase, logit) in logits.iter().enumerate() {
             let guess = Guess { phrase: u16::try_from(phrase).unwrap_or(u16::MAX), score: sigmoid(*logit) };
             if phrase < self.actions {
@@ -125,7 +123,7 @@ impl Understood {
 /// Puts a guess where it belongs among those that are likelier; of two that are as likely the first stays before.
 fn insert(nearest: &mut [Guess; NEAREST], mut guess: Guess) {
     for place in nearest {
-        if guess.score > place.score {
+        if guess.score > place.score || place.phrase == Guess::NONE.phrase {
             core::mem::swap(place, &mut guess);
         }
     }
