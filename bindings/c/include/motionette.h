@@ -214,6 +214,9 @@ typedef uint8_t mtn_joint;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// A phrase of the model with its probability.
+typedef struct Guess Guess;
+
 // Relative strengths of the roads from a token to an anchor. Only ratios matter.
 typedef struct Prior Prior;
 
@@ -400,6 +403,8 @@ typedef struct mtn_motion {
 
 // Stop at once, no motion. Any other number counts as this.
 #define MTN_FLOW_ABORT 2
+
+
 
 
 
