@@ -131,7 +131,7 @@ pub use request::joint::{Joint, NoSuchJoint};
 pub use request::prompt::{Prompt, PromptError, PromptStats};
 pub use request::{Request, Source};
 pub use stop::Stop;
-pub use text::meaning::{Guess, Understood};
+pub use text::meaning::{Guess, NEAREST, Understood};
 pub use text::words::{MAX_PROMPT, MAX_WORD, Word, Words};
 
 /// Joints of the body skeleton (SMPL order, see [`representation::skeleton`]).

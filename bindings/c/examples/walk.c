@@ -58,6 +58,9 @@ int main(void) {
     mtn_motion motion;
     if (failed("generate", mtn_generate(&generator, &request, progress, &calls, &motion))) return 1;
     printf("%u frames, %u tokens, %u calls of progress\n", (unsigned)motion.frames, (unsigned)motion.token_count, calls);
+    char understood[256];
+    if (failed("understood", mtn_motion_understood(&generator, &motion, understood, sizeof understood))) return 1;
+    if (understood[0]) printf("understood as: %s\n", understood);
     print_cm("control error before refinement", motion.control_error_before);
     print_cm("control error", motion.control_error);
     print_cm("right wrist at frame 50, height", motion.joints[50][MTN_JOINT_RIGHT_WRIST][1]);

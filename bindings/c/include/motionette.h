@@ -32,6 +32,12 @@
 // Words of `mtn_generator`'s storage.
 #define MTN_GENERATOR_WORDS 544
 
+// Likeliest actions of `mtn_understood`.
+#define MTN_NEAREST 3
+
+// In place of a phrase's number: no phrase.
+#define MTN_NO_PHRASE 65535
+
 // The token that adds nothing, in any layer.
 #define Codebooks_NONE UINT16_MAX
 
@@ -214,12 +220,6 @@ typedef uint8_t mtn_joint;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// A phrase of the model with its probability.
-typedef struct Guess Guess;
-
-// Relative strengths of the roads from a token to an anchor. Only ratios matter.
-typedef struct Prior Prior;
-
 // An error and the numbers that explain it.
 typedef struct mtn_result {
     // What went wrong; 0: nothing.
@@ -349,6 +349,25 @@ typedef struct mtn_progress {
 // generator.
 typedef mtn_flow (*mtn_progress_fn)(void *context, const struct mtn_progress *progress);
 
+// A phrase that the model was taught, and how likely the prompt means it.
+typedef struct mtn_guess {
+    // Number of the phrase, the same for every prompt of one model, or `MTN_NO_PHRASE`.
+    uint16_t phrase;
+    // Probability, 0 to 1.
+    float score;
+} mtn_guess;
+
+// What a prompt was understood as; `mtn_motion_understood` says it in words.
+typedef struct mtn_understood {
+    // The likeliest actions, the first of them first. All `MTN_NO_PHRASE`: there was no prompt, or the model was not taught what
+    // prompts mean.
+    struct mtn_guess actions[MTN_NEAREST];
+    // The style, or `MTN_NO_PHRASE`.
+    struct mtn_guess style;
+    // 1: the first action is likely what was meant; 0: the model has hardly learnt what was asked for.
+    uint8_t sure;
+} mtn_understood;
+
 // A finished motion. Its arrays lie in the generator's arena, until the generator is used again.
 typedef struct mtn_motion {
     // Joint positions `[frames][22][3]`, metres: `joints[frame][MTN_JOINT_HEAD][1]` is the head's height.
@@ -383,6 +402,8 @@ typedef struct mtn_motion {
     uint16_t unknown_words;
     // Anchors that the planner did not see.
     uint16_t unconditioned_anchors;
+    // What the prompt was understood as.
+    struct mtn_understood understood;
 } mtn_motion;
 
 // The pelvis at `[x, y, z]`.
@@ -484,6 +505,17 @@ struct mtn_result mtn_self_test(struct mtn_generator *generator);
 // # Safety
 // `motion` came from `mtn_generate` and its generator has not been used since; `hash` is room for a number.
 struct mtn_result mtn_motion_hash(const struct mtn_motion *motion, uint64_t *hash);
+
+// What the prompt was understood as, in English, zero-terminated, into `text`: `a person waves the right hand, angrily (0.86)`, or
+// `hardly anything; nearest: ...` and up to three phrases; empty where there is nothing to say. What does not fit into `bytes` is
+// left out; 256 hold everything that the bundled models say.
+//
+// # Safety
+// As of `mtn_generate`; `motion` came from this generator; `text` points to `bytes` bytes, at least 1.
+struct mtn_result mtn_motion_understood(struct mtn_generator *generator,
+                                        const struct mtn_motion *motion,
+                                        char *text,
+                                        size_t bytes);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -1,10 +1,11 @@
 //! Making motions and watching them being made.
 
-use core::ffi::c_void;
+use core::ffi::{c_char, c_void};
+use core::fmt::{self, Write};
 use core::ops::ControlFlow;
 
 use motionette::refining::ControlError;
-use motionette::{Generator, Model, Motion, Observer, Progress, Stage, Stop};
+use motionette::{Generator, Guess, Model, Motion, Observer, Progress, Stage, Stop, Understood};
 
 use crate::error::{mtn_error, mtn_result, report};
 use crate::model::{self, mtn_model};
@@ -78,6 +79,37 @@ pub struct mtn_progress {
 pub type mtn_progress_fn =
     Option<unsafe extern "C" fn(context: *mut c_void, progress: *const mtn_progress) -> mtn_flow>;
 
+/// Likeliest actions of `mtn_understood`.
+pub const MTN_NEAREST: usize = 3;
+const _: () = assert!(MTN_NEAREST == motionette::NEAREST);
+
+/// In place of a phrase's number: no phrase.
+pub const MTN_NO_PHRASE: u16 = 0xFFFF;
+const _: () = assert!(MTN_NO_PHRASE == Guess::NONE.phrase);
+
+/// A phrase that the model was taught, and how likely the prompt means it.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct mtn_guess {
+    /// Number of the phrase, the same for every prompt of one model, or `MTN_NO_PHRASE`.
+    pub phrase: u16,
+    /// Probability, 0 to 1.
+    pub score: f32,
+}
+
+/// What a prompt was understood as; `mtn_motion_understood` says it in words.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct mtn_understood {
+    /// The likeliest actions, the first of them first. All `MTN_NO_PHRASE`: there was no prompt, or the model was not taught what
+    /// prompts mean.
+    pub actions: [mtn_guess; MTN_NEAREST],
+    /// The style, or `MTN_NO_PHRASE`.
+    pub style: mtn_guess,
+    /// 1: the first action is likely what was meant; 0: the model has hardly learnt what was asked for.
+    pub sure: u8,
+}
+
 /// A finished motion. Its arrays lie in the generator's arena, until the generator is used again.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
@@ -114,6 +146,8 @@ pub struct mtn_motion {
     pub unknown_words: u16,
     /// Anchors that the planner did not see.
     pub unconditioned_anchors: u16,
+    /// What the prompt was understood as.
+    pub understood: mtn_understood,
 }
 
 /// Makes a generator of `model` that works in `arena` and nowhere else.
@@ -241,6 +275,46 @@ pub unsafe extern "C" fn mtn_motion_hash(motion: *const mtn_motion, hash: *mut u
     })
 }
 
+/// What the prompt was understood as, in English, zero-terminated, into `text`: `a person waves the right hand, angrily (0.86)`, or
+/// `hardly anything; nearest: ...` and up to three phrases; empty where there is nothing to say. What does not fit into `bytes` is
+/// left out; 256 hold everything that the bundled models say.
+///
+/// # Safety
+/// As of `mtn_generate`; `motion` came from this generator; `text` points to `bytes` bytes, at least 1.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_motion_understood(
+    generator: *mut mtn_generator,
+    motion: *const mtn_motion,
+    text: *mut c_char,
+    bytes: usize,
+) -> mtn_result {
+    report(|| {
+        let slot = place(generator, 0)?.cast::<Opened>().cast_mut();
+        // SAFETY: aligned; the caller promises a value.
+        let understood = unsafe { place(motion, 1)?.read() }.understood.understood();
+        place(text, 2)?;
+        if bytes == 0 {
+            return Err(mtn_result { index: 3, limit: 1, ..mtn_error::Length.into() });
+        }
+        // SAFETY: the caller promises bytes that nobody else uses.
+        let room = unsafe { slice_mut(text.cast::<u8>(), bytes, 2) }?;
+        let work = |generator: &mut Generator<'static>| {
+            let mut text = Text { room, len: 0 };
+            if let Some(understood) = understood {
+                // Too little room is no error: what is there can be read.
+                let _ = write!(text, "{}", generator.model().in_words(understood));
+            }
+            let end = text.len;
+            if let Some(zero) = text.room.get_mut(end) {
+                *zero = 0;
+            }
+            Ok(())
+        };
+        // SAFETY: aligned; the caller promises storage and one thread at a time.
+        unsafe { Slot::with(slot, 0, work) }
+    })
+}
+
 impl mtn_motion {
     fn new(motion: &Motion<'_>) -> Self {
         let report = motion.refinement;
@@ -265,7 +339,60 @@ impl mtn_motion {
             words: motion.words(),
             unknown_words: motion.unknown_words(),
             unconditioned_anchors: motion.unconditioned_anchors(),
+            understood: motion.understood().map_or(mtn_understood::NOTHING, mtn_understood::from),
         }
+    }
+}
+
+impl mtn_guess {
+    const NONE: Self = mtn_guess { phrase: MTN_NO_PHRASE, score: 0.0 };
+
+    const fn guess(self) -> Guess {
+        Guess { phrase: self.phrase, score: self.score }
+    }
+}
+
+impl From<Guess> for mtn_guess {
+    fn from(Guess { phrase, score }: Guess) -> Self {
+        mtn_guess { phrase, score }
+    }
+}
+
+impl mtn_understood {
+    pub(crate) const NOTHING: Self =
+        mtn_understood { actions: [mtn_guess::NONE; MTN_NEAREST], style: mtn_guess::NONE, sure: 0 };
+
+    /// As the runtime has it; `None` where there is nothing to say.
+    pub(crate) fn understood(&self) -> Option<Understood> {
+        if self.actions.iter().all(|guess| guess.phrase == MTN_NO_PHRASE) {
+            return None;
+        }
+        let style = (self.style.phrase != MTN_NO_PHRASE).then(|| self.style.guess());
+        Some(Understood { actions: self.actions.map(mtn_guess::guess), style, sure: self.sure != 0 })
+    }
+}
+
+impl From<Understood> for mtn_understood {
+    fn from(Understood { actions, style, sure }: Understood) -> Self {
+        let style = style.map_or(mtn_guess::NONE, mtn_guess::from);
+        mtn_understood { actions: actions.map(mtn_guess::from), style, sure: u8::from(sure) }
+    }
+}
+
+/// A string of C that is being written: whole characters, as many as fit before the zero.
+struct Text<'a> {
+    room: &'a mut [u8],
+    len: usize,
+}
+
+impl Write for Text<'_> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let free = self.room.len().saturating_sub(self.len + 1);
+        let fits = (0..=free.min(text.len())).rev().find_map(|end| text.get(..end)).unwrap_or_default();
+        let written = self.room.iter_mut().skip(self.len).zip(fits.as_bytes());
+        self.len += written.map(|(to, from)| *to = *from).count();
+        // What is full stays full, though a shorter piece would fit.
+        if fits.len() < text.len() { Err(fmt::Error) } else { Ok(()) }
     }
 }
 

@@ -2,14 +2,15 @@
 
 use core::ffi::{CStr, c_void};
 use core::{mem, ptr};
-use std::{boxed::Box, fs, sync::LazyLock, vec, vec::Vec};
+use std::{boxed::Box, fs, string::String, string::ToString as _, sync::LazyLock, vec, vec::Vec};
 
-use motionette::{Generator, Model, Request, blob::Aligned};
+use motionette::{Generator, Length, Model, Request, blob::Aligned};
 
 use crate::error::{mtn_error, mtn_error_message, mtn_result};
 use crate::generator::{
-    MTN_FLOW_ABORT, MTN_FLOW_CONTINUE, MTN_FLOW_FINISH, mtn_flow, mtn_generate, mtn_generator, mtn_generator_open,
-    mtn_generator_set_rows, mtn_motion, mtn_motion_hash, mtn_progress, mtn_self_test, mtn_stage,
+    MTN_FLOW_ABORT, MTN_FLOW_CONTINUE, MTN_FLOW_FINISH, MTN_NO_PHRASE, mtn_flow, mtn_generate, mtn_generator,
+    mtn_generator_open, mtn_generator_set_rows, mtn_guess, mtn_motion, mtn_motion_hash, mtn_motion_understood,
+    mtn_progress, mtn_self_test, mtn_stage, mtn_understood,
 };
 use crate::model::{mtn_limits, mtn_model, mtn_model_open, mtn_model_plan, mtn_plan};
 use crate::request::{
@@ -364,6 +365,48 @@ fn a_motion_has_the_bits_of_the_rust_library() {
     assert_eq!((motion.frame_rate, motion.token_count), (20, 8));
     // SAFETY: everything is valid.
     assert_eq!(unsafe { mtn_self_test(&mut *bench.generator) }, FINE);
+}
+
+/// What a motion says was understood of its prompt, in so many bytes.
+fn in_words(bench: &mut Bench, motion: &mtn_motion, bytes: usize) -> Result<String, mtn_result> {
+    let mut text = vec![0x7F_u8; bytes + 1];
+    // SAFETY: everything is valid.
+    let said = unsafe { mtn_motion_understood(&mut *bench.generator, motion, text.as_mut_ptr().cast(), bytes) };
+    assert_eq!(text[bytes], 0x7F, "nothing is written beyond the room");
+    if said == FINE { Ok(CStr::from_bytes_until_nul(&text).unwrap().to_str().unwrap().into()) } else { Err(said) }
+}
+
+#[test]
+fn what_was_understood_is_what_the_rust_library_says() {
+    let mut bench = Bench::new(1 << 18);
+    let motion = bench.generate(&text(c"a person waves")).unwrap();
+    // SAFETY: the blocks are contiguous bytes.
+    let (_, blob, _) = unsafe { BLOB.align_to::<u8>() };
+    let mut arena = vec![0; 1 << 18];
+    let mut generator = Generator::new(Model::open(blob).unwrap(), &mut arena).unwrap();
+    let request = Request::text("a person waves").length(Length::Tokens(2)).steps(1);
+    let expected = generator.generate(&request, &mut ()).unwrap().understood();
+    assert_eq!(motion.understood, expected.map_or(mtn_understood::NOTHING, mtn_understood::from));
+    let model = generator.model();
+    let expected = expected.map_or(String::new(), |understood| model.in_words(understood).to_string());
+    assert_eq!(in_words(&mut bench, &motion, 256), Ok(expected));
+
+    // Whatever a motion says: of a style, of nothing sure, in too little room.
+    let guess = |phrase, score| mtn_guess { phrase, score };
+    let actions = [guess(0, 0.861), guess(1, 0.25), guess(MTN_NO_PHRASE, 0.0)];
+    let none = guess(MTN_NO_PHRASE, 0.0);
+    for (style, sure) in [(none, 1), (guess(1, 0.7), 1), (none, 0), (guess(2, 0.9), 200)] {
+        let understood = mtn_understood { actions, style, sure };
+        let expected = generator.model().in_words(understood.understood().unwrap()).to_string();
+        let motion = mtn_motion { understood, ..motion };
+        assert_eq!(in_words(&mut bench, &motion, 256), Ok(expected.clone()));
+        for bytes in 1..=expected.len() {
+            assert_eq!(in_words(&mut bench, &motion, bytes).unwrap(), expected[..bytes - 1]);
+        }
+    }
+    let silent = mtn_motion { understood: mtn_understood::NOTHING, ..motion };
+    assert_eq!(in_words(&mut bench, &silent, 1), Ok(String::new()));
+    assert_eq!(in_words(&mut bench, &silent, 0), Err(result(mtn_error::Length, 3, 0, 1)));
 }
 
 /// What a callback is to answer, and what it saw.
