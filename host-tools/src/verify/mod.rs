@@ -11,7 +11,7 @@ pub mod solvers;
 use std::collections::HashSet;
 
 use motionette::blob::{TextTable, TransformerConfig};
-use motionette::{Generator, Request};
+use motionette::{Generator, Request, Understood};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
@@ -316,6 +316,8 @@ pub struct RuntimeMotion {
     pub refinement: Option<motionette::refining::Report>,
     /// Words of the prompt that the model does not know.
     pub unknown_words: u16,
+    /// What the prompt was understood as.
+    pub understood: Option<Understood>,
 }
 
 /// Runs one request in an arena of exactly the planned size.
@@ -334,6 +336,7 @@ pub fn run(blob: &BlobFile, clip: &str, request: &Request<'_>) -> Result<Runtime
         joints: motion.frames().to_vec(),
         refinement: motion.refinement,
         unknown_words: motion.unknown_words(),
+        understood: motion.understood(),
     })
 }
 

@@ -43,9 +43,9 @@ pub struct Args {
     /// Vectors of words (models/words.safetensors); without them the captions' words are known alone.
     #[arg(long, value_name = "FILE")]
     pub words: Option<PathBuf>,
-    /// Prompts for tests, a JSON object with `text` a line (docs/prompts-test.jsonl): none of them is said in training.
+    /// Prompts for tests, a JSON object with `text` a line (docs/prompts-test.jsonl): none of them is said in training; may be repeated.
     #[arg(long, value_name = "FILE")]
-    pub hold_out: Option<PathBuf>,
+    pub hold_out: Vec<PathBuf>,
     /// A prior whose two passes with guidance are learnt in one: the run begins with its weights, words and meanings.
     #[arg(long, value_name = "FILE", conflicts_with = "words")]
     pub teacher: Option<PathBuf>,
@@ -69,7 +69,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let tokenizer = Checkpoint::load(&args.tokenizer)?;
     let table = args.words.as_deref().map(WordTable::read).transpose()?;
     let phrases = args.phrases.as_ref().map(Phrases::read).transpose()?;
-    let held_out = args.hold_out.as_deref().map(file::texts).transpose()?.unwrap_or_default();
+    let held_out = args.hold_out.iter().map(|path| file::texts(path)).collect::<Result<Vec<_>, _>>()?.concat();
     let sentences = Sentences::new(&dataset, table.as_ref(), phrases).without(held_out.iter().map(String::as_str));
     let codes = &tokenizer.config.architecture;
     let sentences = match &teacher {

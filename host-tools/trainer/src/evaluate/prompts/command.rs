@@ -17,6 +17,7 @@ use motionette_host::motion::{FPS, Pose};
 use motionette_host::{parallel, verify};
 
 use super::file::{self, Line};
+use super::order;
 use super::report::{Report, Unseen, described};
 use super::trust;
 use super::unseen::TrainingWords;
@@ -31,7 +32,7 @@ use crate::harness::options::finish;
 
 /// What the runtime made of a prompt and a seed.
 enum Made {
-    Motion { joints: Vec<Pose>, unknown_words: u16 },
+    Motion { joints: Vec<Pose>, unknown_words: u16, sure: Option<bool> },
     Refused(PromptError),
 }
 
@@ -61,7 +62,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<()> {
         phrases: TrainingWords::templates(&Phrases::read(&args.phrases)?, &table).unseen_share(&lines),
     };
     remark(&format!("{} prompts, {seeds} motions each", lines.len()));
-    let outcomes = outcomes(&lines, seeds, &blob, &judge, args.generation)?;
+    let outcomes = outcomes(&lines, seeds, &blob, &Eyes { judge: &judge, table: &table }, args.generation)?;
     let bench = Bench {
         table: &table,
         accuracies: &accuracies,
@@ -115,6 +116,10 @@ fn tell(report: &Report<'_>) {
     };
     say(&format!("action: evaluator {}, detectors {}", share(|v| v.evaluator), share(|v| v.detectors)));
     say(&format!("style: {}", share(|v| v.style)));
+    say(&format!("order: {}, the other way round {}", share(|v| v.order), share(|v| v.reversed)));
+    let share = |share: Option<f64>| share.map_or("-".into(), |share| format!("{share:.3}"));
+    let [warned, caught] = [report.warned_share(), report.caught_share()].map(share);
+    say(&format!("hardly understood: of prompts {warned}, of nonsense {caught}"));
     say(&format!(
         "prompts with unknown words {:.3}, refused {:.3}, without a word of their actions' captions {:.3}, phrases {:.3}",
         report.unknown_share(),
@@ -124,12 +129,35 @@ fn tell(report: &Report<'_>) {
     ));
 }
 
+/// What motions are looked at with.
+struct Eyes<'a> {
+    judge: &'a Judge,
+    table: &'a Actions,
+}
+
+impl Eyes<'_> {
+    /// What a motion made for a prompt shows.
+    fn look(&self, line: &Line, joints: &[Pose]) -> anyhow::Result<Shown> {
+        let features =
+            |source| crate::evaluator::Error::Features { name: format!("the motion for {:?}", line.text), source };
+        let prepared = motion::prepare(joints).map_err(features)?;
+        let judgement = self.judge.motions(&[&prepared]).remove(0);
+        let order = || order::of(joints, &line.accepted(self.table), &line.accepted_then(self.table));
+        Ok(Shown {
+            action: judgement.content.to_owned(),
+            style: judgement.style.to_owned(),
+            seen: detect::detect(joints, FPS),
+            order: (!line.then.is_empty()).then(order),
+        })
+    }
+}
+
 /// Makes and judges the motions of all prompts.
 fn outcomes(
     lines: &[Line],
     seeds: u64,
     blob: &BlobFile,
-    judge: &Judge,
+    eyes: &Eyes<'_>,
     options: generators::Options,
 ) -> anyhow::Result<Vec<Outcome>> {
     let asked: Vec<(&Line, u64)> = lines.iter().flat_map(|line| (0..seeds).map(move |seed| (line, seed))).collect();
@@ -137,7 +165,8 @@ fn outcomes(
     let made = made.into_iter().collect::<anyhow::Result<Vec<Made>>>()?;
     let mut outcomes: Vec<Outcome> = Vec::with_capacity(lines.len());
     for (line, made) in lines.iter().zip(made.chunks(usize::try_from(seeds)?.max(1))) {
-        let mut outcome = Outcome { line: line.clone(), refused: None, unknown_words: 0, motions: Vec::new() };
+        let mut outcome =
+            Outcome { line: line.clone(), refused: None, unknown_words: 0, sure: None, motions: Vec::new() };
         for made in made {
             match made {
                 Made::Refused(reason) => {
@@ -146,18 +175,10 @@ fn outcomes(
                         outcome.unknown_words = u16::try_from(*words).unwrap_or(u16::MAX);
                     }
                 }
-                Made::Motion { joints, unknown_words } => {
+                Made::Motion { joints, unknown_words, sure } => {
                     outcome.unknown_words = *unknown_words;
-                    let prepared = motion::prepare(joints).map_err(|source| crate::evaluator::Error::Features {
-                        name: format!("the motion for {:?}", line.text),
-                        source,
-                    })?;
-                    let judgement = judge.motions(&[&prepared]).remove(0);
-                    outcome.motions.push(Shown {
-                        action: judgement.content.to_owned(),
-                        style: judgement.style.to_owned(),
-                        seen: detect::detect(joints, FPS),
-                    });
+                    outcome.sure = *sure;
+                    outcome.motions.push(eyes.look(line, joints)?);
                 }
             }
         }
@@ -178,7 +199,11 @@ fn make(blob: &BlobFile, line: &Line, seed: u64, options: generators::Options) -
     };
     let planning = Planning { length: Length::Predicted, ..options.planning(&prompt, seed) };
     match verify::run(blob, &line.text, &Request::text(&line.text).planned(planning)) {
-        Ok(motion) => Ok(Made::Motion { joints: motion.joints, unknown_words: motion.unknown_words }),
+        Ok(motion) => Ok(Made::Motion {
+            joints: motion.joints,
+            unknown_words: motion.unknown_words,
+            sure: motion.understood.map(|understood| understood.sure),
+        }),
         Err(verify::Error::Runtime { source: motionette::Error::Prompt(reason), .. }) => Ok(Made::Refused(reason)),
         Err(error) => Err(error).with_context(|| format!("no motion for line {}, {:?}", line.number, line.text)),
     }

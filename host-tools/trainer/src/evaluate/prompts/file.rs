@@ -1,7 +1,7 @@
 //! Prompts from JSON lines: `{"text": "...", "actions": ["walk", ...], "styles": ["elderly", ...]}`, one a line.
 //!
-//! `actions` are canonical names of the table of actions, one at least; `styles` are styles of the dataset and may be left out. Blank
-//! lines and lines that begin with `#` are passed over.
+//! `actions` are canonical names of the table of actions, none for a prompt that asks for nothing a body could do; `styles` are styles of the dataset and may be left out, as
+//! `then`: actions one of which is to come after one of `actions`. Blank lines and lines that begin with `#` are passed over.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use motionette_host::input;
 use serde_json::{Map, Value};
 
 /// The fields of a line.
-const FIELDS: [&str; 3] = ["text", "actions", "styles"];
+const FIELDS: [&str; 4] = ["text", "actions", "styles", "then"];
 
 /// Why a file of prompts cannot be used. Lines count from 1.
 #[derive(Debug, thiserror::Error)]
@@ -62,18 +62,34 @@ pub struct Line {
     pub number: usize,
     /// The prompt.
     pub text: String,
-    /// Canonical actions that a fair person accepts, one at least.
+    /// Canonical actions that a fair person accepts; none where there is nothing to accept, and the model should say so.
     pub actions: Vec<String>,
     /// Styles that a fair person accepts; empty when none is asked for.
     pub styles: Vec<String>,
+    /// Canonical actions of which one is to follow; empty for a prompt of one thing.
+    pub then: Vec<String>,
 }
 
 impl Line {
+    /// Whether there is nothing that a body could do of it.
+    pub fn nonsense(&self) -> bool {
+        self.actions.is_empty()
+    }
+
     /// The actions and what the table accepts for each.
     pub fn accepted<'a>(&'a self, table: &'a Actions) -> BTreeSet<&'a str> {
-        let also = |name: &String| table.find(name).map(|action| action.accept.as_slice()).unwrap_or_default();
-        self.actions.iter().flat_map(|name| std::iter::once(name).chain(also(name))).map(String::as_str).collect()
+        accepted(&self.actions, table)
     }
+
+    /// The same of those that are to follow.
+    pub fn accepted_then<'a>(&'a self, table: &'a Actions) -> BTreeSet<&'a str> {
+        accepted(&self.then, table)
+    }
+}
+
+fn accepted<'a>(actions: &'a [String], table: &'a Actions) -> BTreeSet<&'a str> {
+    let also = |name: &String| table.find(name).map(|action| action.accept.as_slice()).unwrap_or_default();
+    actions.iter().flat_map(|name| std::iter::once(name).chain(also(name))).map(String::as_str).collect()
 }
 
 /// Reads a file of prompts. `styles` are the names that are known.
@@ -157,11 +173,18 @@ pub fn parse(path: &Path, text: &str, table: &Actions, styles: &BTreeSet<String>
         };
         let action = |name: &str| table.find(name).is_some();
         let actions = names("actions", &action, "action of the table of actions")?;
-        if actions.is_empty() {
-            return Err(fail("actions", "empty; name one canonical action at least".into()));
+        if !object.contains_key("actions") {
+            return Err(fail(
+                "actions",
+                "missing; name canonical actions, or [] where a body can do nothing of it".into(),
+            ));
         }
+        let then = names("then", &action, "action of the table of actions")?;
         let styles = names("styles", &|name: &str| styles.contains(name), "style of the dataset")?;
-        lines.push(Line { number, text, actions, styles });
+        if actions.is_empty() && !(styles.is_empty() && then.is_empty()) {
+            return Err(fail("actions", "empty; what has a style or a sequel has an action".into()));
+        }
+        lines.push(Line { number, text, actions, styles, then });
     }
     if lines.is_empty() { Err(Error::Empty { path: path.into() }) } else { Ok(lines) }
 }

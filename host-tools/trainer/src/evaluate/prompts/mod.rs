@@ -7,6 +7,7 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`mod@file`] | the prompts, from JSON lines |
+//! | [`order`] | which of two actions comes first |
 //! | [`unseen`] | prompts that share no content word with captions or phrases of their actions |
 //! | [`trust`] | which actions the evaluator may judge |
 //! | [`verdict`] | what became of a prompt, what each judge says |
@@ -15,6 +16,7 @@
 
 pub mod command;
 pub mod file;
+pub mod order;
 pub mod report;
 #[cfg(test)]
 mod tests;

@@ -56,10 +56,12 @@ pub struct Report<'a> {
 type Pick = fn(&Verdict) -> Option<Tally>;
 
 /// Columns of the tables, with how they are taken.
-const JUDGES: [(&str, Pick); 3] = [
+const JUDGES: [(&str, Pick); 5] = [
     ("evaluator", |verdict| verdict.evaluator),
     ("detectors", |verdict| verdict.detectors),
     ("style", |verdict| verdict.style),
+    ("order", |verdict| verdict.order),
+    ("reversed", |verdict| verdict.reversed),
 ];
 
 impl Report<'_> {
@@ -83,18 +85,35 @@ impl Report<'_> {
         (prompts > 0).then(|| Share { mean: mean(&mut (0..groups.len())), half_width, prompts })
     }
 
-    fn count(&self, holds: impl Fn(&Outcome) -> bool) -> f64 {
-        self.outcomes.iter().filter(|outcome| holds(outcome)).count() as f64 / self.outcomes.len().max(1) as f64
+    /// The share of the prompts that are nonsense, or of the others, of which something holds.
+    fn count(&self, nonsense: bool, holds: impl Fn(&Outcome) -> bool) -> f64 {
+        let prompts = || self.outcomes.iter().filter(|outcome| outcome.line.nonsense() == nonsense);
+        prompts().filter(|outcome| holds(outcome)).count() as f64 / prompts().count().max(1) as f64
+    }
+
+    /// Share of prompts of which the model says that it hardly understood them; none of a model that was not taught to say so.
+    pub fn warned_share(&self) -> Option<f64> {
+        self.taught().then(|| self.count(false, |outcome| outcome.sure == Some(false)))
+    }
+
+    /// Share of nonsense that the model hardly understood, or refused.
+    pub fn caught_share(&self) -> Option<f64> {
+        let any = self.outcomes.iter().any(|outcome| outcome.line.nonsense());
+        (any && self.taught()).then(|| self.count(true, |outcome| outcome.sure != Some(true)))
+    }
+
+    fn taught(&self) -> bool {
+        self.outcomes.iter().any(|outcome| outcome.sure.is_some())
     }
 
     /// Share of prompts with a word that the model does not know.
     pub fn unknown_share(&self) -> f64 {
-        self.count(|outcome| outcome.unknown_words > 0)
+        self.count(false, |outcome| outcome.unknown_words > 0)
     }
 
     /// Share of prompts that the runtime refuses.
     pub fn refused_share(&self) -> f64 {
-        self.count(|outcome| outcome.refused.is_some())
+        self.count(false, |outcome| outcome.refused.is_some())
     }
 
     /// The lower of both judges' shares: what both agree is reached.
@@ -107,11 +126,11 @@ impl Report<'_> {
     }
 
     /// Prompts by their first action, with the judges' tallies.
-    fn by_action(&self) -> BTreeMap<&str, (usize, [Tally; 3])> {
-        let mut rows: BTreeMap<&str, (usize, [Tally; 3])> = BTreeMap::new();
+    fn by_action(&self) -> BTreeMap<&str, (usize, [Tally; JUDGES.len()])> {
+        let mut rows: BTreeMap<&str, (usize, [Tally; JUDGES.len()])> = BTreeMap::new();
         for (outcome, verdict) in self.outcomes.iter().zip(self.verdicts) {
-            let action = outcome.line.actions.first().map_or("", String::as_str);
-            let (prompts, tallies) = rows.entry(action).or_insert((0, [Tally { met: 0, of: 0 }; 3]));
+            let Some(action) = outcome.line.actions.first() else { continue };
+            let (prompts, tallies) = rows.entry(action).or_insert((0, [Tally { met: 0, of: 0 }; JUDGES.len()]));
             *prompts += 1;
             for (sum, (_, pick)) in tallies.iter_mut().zip(JUDGES) {
                 let Tally { met, of } = pick(verdict).unwrap_or(Tally { met: 0, of: 0 });
@@ -147,8 +166,11 @@ impl Report<'_> {
             .into_iter()
             .map(|(action, (prompts, tallies))| {
                 let share = |tally: Tally| (tally.of > 0).then(|| tally.met as f64 / tally.of as f64);
-                let [evaluator, detectors, style] = tallies.map(share);
-                json!({"name": action, "prompts": prompts, "evaluator": evaluator, "detectors": detectors, "style": style})
+                let mut row = Map::from_iter([("name".into(), json!(action)), ("prompts".into(), json!(prompts))]);
+                row.extend(
+                    JUDGES.iter().zip(tallies.map(share)).map(|((name, _), share)| ((*name).into(), json!(share))),
+                );
+                Value::Object(row)
             })
             .collect();
         let failed: Vec<Value> = self.failed().map(|(outcome, verdict)| failure(outcome, verdict)).collect();
@@ -179,8 +201,11 @@ impl Report<'_> {
             "action_share": self.action_share(),
             "style_share": style.map(|share| share.mean),
             "style_share_ci": style.map(|share| share.half_width),
+            "order_share": self.share(JUDGES[3].1).map(|share| share.mean),
             "unknown_share": self.unknown_share(),
             "refused_share": self.refused_share(),
+            "warned_share": self.warned_share(),
+            "caught_share": self.caught_share(),
             "unseen_share": self.unseen.captions,
             "unseen_phrases_share": self.unseen.phrases,
             "judges": judges,
@@ -204,21 +229,27 @@ impl Report<'_> {
              judges actions that it names right on {LEAST_ACCURACY} of their real test clips, the detectors those that a rule over \
              joints answers for; a prompt is left to the other judge where one of its actions is not among them. Motions of refused \
              prompts count as wrong.\n\n\
-             | action, evaluator | action, detectors | style | prompts with unknown words | refused | without a caption's words | \
-             without a phrase's words |\n|---|---|---|---|---|---|---|\n",
+             Of prompts of two things in an order the detectors say whether some cut of the motion has the first before it and the \
+             second behind it, and, beside it, how often the other way round.\n\n\
+             | action, evaluator | action, detectors | style | order | other order | prompts with unknown words | refused | hardly understood | nonsense caught | \
+             without a caption's words | \
+             without a phrase's words |\n|---|---|---|---|---|---|---|---|---|---|---|\n",
             self.facts.command,
             self.outcomes.len(),
             self.facts.seeds
         );
-        let [evaluator, detectors, style] = JUDGES.map(|(_, pick)| cell(self.share(pick)));
+        let judges = JUDGES.map(|(_, pick)| cell(self.share(pick))).join(" | ");
+        let percent = |share: Option<f64>| share.map_or("-".into(), |share| format!("{share:.3}"));
         text += &format!(
-            "| {evaluator} | {detectors} | {style} | {:.3} | {:.3} | {:.3} | {:.3} |\n",
+            "| {judges} | {:.3} | {:.3} | {} | {} | {:.3} | {:.3} |\n",
             self.unknown_share(),
             self.refused_share(),
+            percent(self.warned_share()),
+            percent(self.caught_share()),
             self.unseen.captions,
             self.unseen.phrases
         );
-        text += "\n## By first action\n\n| action | prompts | evaluator | detectors | style |\n|---|---|---|---|---|\n";
+        text += "\n## By first action\n\n| action | prompts | evaluator | detectors | style | order | other order |\n|---|---|---|---|---|---|---|\n";
         for (action, (prompts, tallies)) in self.by_action() {
             let share = |tally: Tally| if tally.of > 0 { format!("{}/{}", tally.met, tally.of) } else { "-".into() };
             text += &format!("| {action} | {prompts} | {} |\n", tallies.map(share).join(" | "));
@@ -266,6 +297,9 @@ fn seen_words(seen: &[Seen]) -> String {
 pub fn described(outcome: &Outcome, verdict: &Verdict) -> String {
     let line = &outcome.line;
     let mut text = format!("line {}, {:?}: asked for {}", line.number, line.text, line.actions.join(" or "));
+    if !line.then.is_empty() {
+        text += &format!(", then {}", line.then.join(" or "));
+    }
     if !line.styles.is_empty() {
         text += &format!(", {}", line.styles.join(" or "));
     }
@@ -302,11 +336,13 @@ fn failure(outcome: &Outcome, verdict: &Verdict) -> Value {
         "text": outcome.line.text,
         "actions": outcome.line.actions,
         "styles": outcome.line.styles,
+        "then": outcome.line.then,
         "refused": outcome.refused,
         "unknown_words": outcome.unknown_words,
         "evaluator": tally(verdict.evaluator),
         "detectors": tally(verdict.detectors),
         "style": tally(verdict.style),
+        "order": tally(verdict.order),
         "motions": motions,
     })
 }

@@ -100,7 +100,8 @@ impl TrainingWords {
 
     /// Share of the prompts that have no such word; 0 without prompts.
     pub fn unseen_share(&self, lines: &[Line]) -> f64 {
-        let unseen = lines.iter().filter(|line| self.shared(line).is_empty()).count();
-        unseen as f64 / lines.len().max(1) as f64
+        let meant = || lines.iter().filter(|line| !line.nonsense());
+        let unseen = meant().filter(|line| self.shared(line).is_empty()).count();
+        unseen as f64 / meant().count().max(1) as f64
     }
 }
