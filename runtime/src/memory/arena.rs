@@ -112,8 +112,9 @@ impl<'a> Arena<'a> {
         if self.measures {
             return Ok(&mut []);
         }
-        let values: &mut [T] = bytemuck::try_cast_slice_mut(taken).map_err(|_| short)?;
-        values.get_mut(..count).ok_or(short)
+        // Without the padding, of which there need not be a whole number of values.
+        let taken = taken.get_mut(..count.saturating_mul(size_of::<T>())).ok_or(short)?;
+        bytemuck::try_cast_slice_mut(taken).map_err(|_| short)
     }
 
     /// Takes so many bytes, all zero; none where there are fewer.
@@ -147,6 +148,7 @@ mod tests {
         assert_eq!(arena.used(), bytes_of::<f32>(3) + bytes_of::<i16>(5));
         a.fill(1.0);
         assert!(b.iter().all(|&v| v == 0));
+        assert_eq!(arena.take::<[f32; 3]>(3).map(|rows| rows.len()), Ok(3), "36 bytes in 48");
     }
 
     #[test]

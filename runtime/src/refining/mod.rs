@@ -33,6 +33,8 @@ pub mod methods;
 #[doc(hidden)]
 pub mod metric;
 #[doc(hidden)]
+pub mod motion_space;
+#[doc(hidden)]
 pub mod optimiser;
 #[doc(hidden)]
 pub mod report;

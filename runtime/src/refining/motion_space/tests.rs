@@ -1,0 +1,267 @@
+//! Anchors on a walk that was made by hand, against what must hold whatever they ask for.
+
+use std::{vec, vec::Vec};
+
+use super::limbs::Limb;
+use super::*;
+use crate::Anchor;
+use crate::representation::skeleton::PARENTS;
+use crate::request::conditions::AnchorList;
+
+const FPS: u16 = 20;
+
+/// A walk along +z at 1.2 m/s: each foot stands for half of a stride of 20 frames, and is carried through the other half.
+fn walk(frames: usize) -> Vec<Pose> {
+    let stride = 1.2;
+    (0..frames)
+        .map(|t| {
+            let phase = t as f32 / 20.0;
+            let z = stride * phase;
+            let sway = 0.02 * (core::f32::consts::TAU * phase).sin();
+            let mut pose: Pose = [[0.0; 3]; 22];
+            let mut put = |joint: usize, at: Vector| pose[joint] = at;
+            let pelvis = [sway, 0.92, z];
+            put(0, pelvis);
+            for (joint, up) in [(3, 0.12), (6, 0.25), (9, 0.31), (12, 0.53), (15, 0.62)] {
+                put(joint, [sway, 0.92 + up, z + if joint == 15 { 0.05 } else { 0.0 }]);
+            }
+            for (left, [hip, knee, ankle, toe], [collar, shoulder, elbow, wrist], lag) in
+                [(1.0, [1, 4, 7, 10], [13, 16, 18, 20], 0.0), (-1.0, [2, 5, 8, 11], [14, 17, 19, 21], 0.5)]
+            {
+                let own = phase + lag;
+                let (step, share) = (own.floor(), own - own.floor());
+                let swing = if share > 0.5 { 2.0 * share - 1.0 } else { 0.0 };
+                let eased = swing * swing * (3.0 - 2.0 * swing);
+                let x = 0.09 * left;
+                let foot = [x, 0.08 + 0.12 * swing * (1.0 - swing), stride * (step - lag + 0.25 + eased)];
+                let root = [x + sway, 0.84, z];
+                let bent = Limb { root, middle: [x, 0.46, z + 0.05], end: [x, 0.08, z] };
+                let leg = bent.reaching(foot, [0.0, 0.0, 0.05]);
+                put(hip, leg.root);
+                put(knee, leg.middle);
+                put(ankle, leg.end);
+                put(toe, add(leg.end, [0.0, -0.05, 0.13]));
+                put(collar, [sway + 0.06 * left, 1.36, z]);
+                put(shoulder, [sway + 0.17 * left, 1.38, z]);
+                let hand = 0.2 * (core::f32::consts::TAU * own).cos();
+                let arm = Limb {
+                    root: [sway + 0.17 * left, 1.38, z],
+                    middle: [x * 2.2, 1.1, z - 0.03],
+                    end: [x * 2.3, 0.86, z],
+                };
+                let arm = arm.reaching([0.21 * left, 0.9, z + hand], [0.0, 0.0, -0.05]);
+                put(elbow, arm.middle);
+                put(wrist, arm.end);
+            }
+            pose
+        })
+        .collect()
+}
+
+fn set(anchors: &[Anchor], frames: usize) -> AnchorSet {
+    let mut set = AnchorSet::EMPTY;
+    set.fill(AnchorList::Frames(anchors), FPS, frames).unwrap();
+    set
+}
+
+fn solved(poses: &[Pose], anchors: &[Anchor], settings: &Exact) -> (Vec<Pose>, Edited) {
+    let anchors = set(anchors, poses.len());
+    let bytes = Arena::measure(|arena| Scratch::take(poses.len(), anchors.len(), arena));
+    let mut memory = vec![0u128; bytes / 16];
+    let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
+    let mut scratch = Scratch::take(poses.len(), anchors.len(), &mut arena).unwrap();
+    assert_eq!(arena.used(), bytes);
+    let mut out = poses.to_vec();
+    let edited = solve(&mut out, &anchors, settings, FPS, &mut scratch);
+    (out, edited)
+}
+
+/// Numbers between 0 and 1.
+fn numbers(seed: u32) -> impl FnMut() -> f32 {
+    let mut stream = crate::numerics::hash::Stream::new(u64::from(seed));
+    move || stream.below(1 << 20) as f32 / (1 << 20) as f32
+}
+
+/// Anchors that a body can reach: a joint of the walk at its frame, moved by up to `by` metres.
+fn reachable(poses: &[Pose], count: usize, by: f32, seed: u32) -> Vec<Anchor> {
+    let mut next = numbers(seed);
+    let step = poses.len() / count;
+    (0..count)
+        .map(|i| {
+            let frame = i * step + 1 + (next() * (step - 1) as f32) as usize;
+            let joint = (next() * 22.0) as usize;
+            let [dx, dy, dz] = [(); 3].map(|()| by * (next() - 0.5));
+            let at = add(poses[frame][joint], [dx, 0.3 * dy, dz]);
+            match joint {
+                0 if next() < 0.5 => Anchor::planar_root(frame as u16, [at[0], at[2]]),
+                0 => Anchor::root(frame as u16, at),
+                joint => Anchor::joint(frame as u16, joint as u8, at),
+            }
+        })
+        .collect()
+}
+
+fn bones(pose: &Pose) -> Vec<f32> {
+    (1..22).map(|joint| length(subtract(pose[joint], pose[usize::from(PARENTS[joint])]))).collect()
+}
+
+fn larger(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
+}
+
+fn distance(a: Vector, b: Vector) -> f32 {
+    length(subtract(a, b))
+}
+
+/// Fastest joint, beyond its speed in `generated`, metres a second.
+fn added_speed(edited: &[Pose], generated: &[Pose]) -> f32 {
+    let added = |t: usize, j: usize| subtract(edited[t][j], generated[t][j]);
+    let steps = (1..edited.len()).flat_map(|t| (0..22).map(move |j| (t, j)));
+    steps.map(|(t, j)| length(subtract(added(t, j), added(t - 1, j))) * f32::from(FPS)).fold(0.0, larger)
+}
+
+#[test]
+fn anchors_of_every_joint_are_met_with_the_bones_that_are_there() {
+    let poses = walk(196);
+    let mut worst: (f32, u32) = (0.0, 0);
+    for seed in 0..60 {
+        let count = [2, 4, 8, 16, 32][seed as usize % 5];
+        let anchors = reachable(&poses, count, 0.3, seed);
+        let (out, edited) = solved(&poses, &anchors, &Exact::DEFAULT);
+        let after = edited.after.unwrap();
+        worst = if after.worst > worst.0 { (after.worst, seed) } else { worst };
+        for (t, (new, old)) in out.iter().zip(&poses).enumerate() {
+            for (joint, (a, b)) in bones(new).iter().zip(bones(old)).enumerate() {
+                assert!((a - b).abs() < 2e-4, "seed {seed}, frame {t}, bone to {}: {a} {b}", joint + 1);
+            }
+        }
+        for anchor in &anchors {
+            let (joint, target, planar) = match anchor.target {
+                crate::Target::Root(at) => (0, at, false),
+                crate::Target::PlanarRoot([x, z]) => (0, [x, 0.0, z], true),
+                crate::Target::Joint { joint, position } => (usize::from(joint), position, false),
+            };
+            let [x, y, z] = out[usize::from(anchor.frame)][joint];
+            let off = distance([x, if planar { 0.0 } else { y }, z], target);
+            assert!(off <= after.worst + 1e-6, "{anchor:?}");
+        }
+    }
+    std::println!("farthest anchor, seed: {worst:?}");
+    assert!(worst.0 < 0.01, "{worst:?}");
+}
+
+/// The same body, turned and put elsewhere, with its anchors: the same edit, turned. The first frame stays where it is, so the anchors move
+/// with it.
+#[test]
+fn a_turned_room_gives_the_turned_motion() {
+    let poses = walk(120);
+    for seed in 0..6 {
+        let anchors = reachable(&poses, 6, 0.4, 100 + seed);
+        let angle = 0.7 + seed as f32;
+        let (sin, cos) = (angle.sin(), angle.cos());
+        let room = |[x, y, z]: Vector| [cos * x + sin * z + 3.0, y, cos * z - sin * x - 2.0];
+        let turned: Vec<Pose> = poses.iter().map(|pose| pose.map(room)).collect();
+        let moved: Vec<Anchor> = anchors
+            .iter()
+            .map(|anchor| match anchor.target {
+                crate::Target::Root(at) => Anchor::root(anchor.frame, room(at)),
+                crate::Target::PlanarRoot([x, z]) => {
+                    let [x, _, z] = room([x, 0.0, z]);
+                    Anchor::planar_root(anchor.frame, [x, z])
+                }
+                crate::Target::Joint { joint, position } => Anchor::joint(anchor.frame, joint, room(position)),
+            })
+            .collect();
+        let ((plain, _), (other, _)) =
+            (solved(&poses, &anchors, &Exact::DEFAULT), solved(&turned, &moved, &Exact::DEFAULT));
+        for (a, b) in plain.iter().flatten().zip(other.iter().flatten()) {
+            assert!(distance(room(*a), *b) < 2e-3, "seed {seed}: {a:?} {b:?}");
+        }
+    }
+}
+
+#[test]
+fn the_order_of_anchors_does_not_matter() {
+    let poses = walk(100);
+    let mut anchors = reachable(&poses, 8, 0.3, 5);
+    let bits = |poses: &[Pose]| poses.as_flattened().as_flattened().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    let first = bits(&solved(&poses, &anchors, &Exact::DEFAULT).0);
+    anchors.reverse();
+    assert_eq!(first, bits(&solved(&poses, &anchors, &Exact::DEFAULT).0));
+    // Nothing to do is done by leaving every bit alone.
+    let free = Exact { planted: false, ..Exact::DEFAULT };
+    assert_eq!(bits(&poses), bits(&solved(&poses, &[], &free).0));
+    assert_eq!(solved(&poses, &[], &Exact::DEFAULT).1, Edited { before: None, after: None, rounds: 0, loosened: 0 });
+}
+
+/// Two wrists' anchors three metres and three frames apart, a foot that is to be somewhere at once, a pelvis far away: what comes out is
+/// finite and no faster than it may be, and an anchor that asks for nothing of the sort is met.
+#[test]
+fn what_cannot_be_is_done_as_far_as_speed_allows() {
+    let poses = walk(160);
+    let easy = Anchor::joint(130, 21, add(poses[130][21], [0.05, 0.1, 0.0]));
+    let far = |frame: u16, joint: u8, by: Vector| {
+        Anchor::joint(frame, joint, add(poses[usize::from(frame)][usize::from(joint)], by))
+    };
+    let cases = [
+        vec![far(50, 20, [1.5, 0.0, 0.0]), far(53, 20, [-1.5, 0.0, 0.0]), easy],
+        vec![far(60, 11, [0.0, 0.4, 1.2]), far(62, 11, [0.0, 0.0, -1.0]), easy],
+        vec![far(20, 0, [3.0, 0.0, 0.0]), far(30, 0, [-3.0, 0.0, 0.0]), easy],
+        vec![far(80, 15, [0.0, 1.0, 0.0]), far(82, 0, [0.0, -1.0, 1.0]), easy],
+        vec![Anchor::joint(40, 20, [1000.0, -1000.0, 1000.0]), Anchor::root(41, [-1000.0, 1000.0, 1000.0])],
+        vec![Anchor::root(0, [5.0, 1.0, 5.0]), Anchor::joint(0, 20, [0.0; 3]), easy],
+    ];
+    for (i, anchors) in cases.iter().enumerate() {
+        let (out, edited) = solved(&poses, anchors, &Exact::DEFAULT);
+        let speed = added_speed(&out, &poses);
+        std::println!("case {i}: {edited:?}, {speed:.2} m/s added");
+        assert!(out.as_flattened().as_flattened().iter().all(|v| v.is_finite()));
+        assert!(speed < 1.25 * Exact::DEFAULT.added_speed, "case {i}: {speed} m/s added");
+        if anchors.contains(&easy) {
+            assert!(distance(out[130][21], add(poses[130][21], [0.05, 0.1, 0.0])) < 0.002, "case {i}");
+        }
+    }
+    let free = Exact { planted: false, ..Exact::DEFAULT };
+    let anchors = [far(50, 20, [0.4, 0.2, 0.0])];
+    let [fast, slow] = [free, Exact { added_speed: 0.3, ..free }].map(|settings| solved(&poses, &anchors, &settings));
+    assert!(fast.1.loosened == 0 && slow.1.loosened == 1 && slow.1.after.unwrap().mean > fast.1.after.unwrap().mean);
+    // Elbows swing out a little faster than their wrists go.
+    assert!(added_speed(&slow.0, &poses) < 0.6, "{}", added_speed(&slow.0, &poses));
+}
+
+/// A root that is drawn aside takes its feet along, but not while they stand.
+#[test]
+fn feet_stay_where_they_stand() {
+    let poses = walk(196);
+    let slide = |poses: &[Pose], stands: &[u8], toe: usize| -> f32 {
+        let steps = (1..poses.len()).filter(|t| stands[*t] > 0 && stands[t - 1] > 0);
+        let slides = steps.map(|t| {
+            let [x, _, z] = subtract(poses[t][toe], poses[t - 1][toe]);
+            (x * x + z * z).sqrt()
+        });
+        slides.fold(0.0, larger)
+    };
+    let anchors = [
+        Anchor::root(100, add(poses[100][0], [0.8, 0.0, 0.5])),
+        Anchor::root(180, add(poses[180][0], [0.2, 0.0, 1.0])),
+    ];
+    let free = Exact { planted: false, ..Exact::DEFAULT };
+    let [planted, free] = [Exact::DEFAULT, free].map(|settings| solved(&poses, &anchors, &settings).0);
+    for toe in [10, 11] {
+        let mut stands = vec![0; poses.len()];
+        stances::mark(&poses, toe, &mut stands);
+        assert!(stands.iter().filter(|mark| **mark > 0).count() > 60, "a walk has stances");
+        let [generated, planted, free] = [&poses, &planted, &free].map(|poses| slide(poses, &stands, toe));
+        assert!(planted < 0.006 && free > 2.0 * planted, "toe {toe}: {generated} {planted} {free}");
+    }
+    let deepest = |poses: &[Pose]| poses.iter().flat_map(|pose| [-pose[10][1], -pose[11][1]]).fold(0.0, larger);
+    assert!(deepest(&planted) < deepest(&poses) + 1e-4);
+}
+
+/// The longest motion with most anchors, beside the motion itself.
+#[test]
+fn memory_is_small() {
+    let bytes = Arena::measure(|arena| Scratch::take(196, MAX_ANCHORS, arena));
+    std::println!("{bytes} bytes, {} on the stack", size_of::<Scratch<'_>>());
+    assert!(bytes < 20 << 10);
+}
