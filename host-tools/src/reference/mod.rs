@@ -17,6 +17,7 @@
 //! | [`decode_path`] | latent to joints: decoder, denormalisation, recovery |
 //! | [`anchors`], [`objective`] | control residuals and `J(u)` with its gradient |
 //! | [`interval_basis`], [`route_solver`], [`quasi_newton`] | the solver as published, and a quasi-Newton method in its coefficients |
+//! | [`motion_space`] | anchors met in the motion itself |
 //! | [`transformer`] | linears, norms, attention, blocks |
 //! | [`text`] | a prompt to words to a memory and a length |
 //! | [`planner`] | noisy tokens and a text to logits |
@@ -35,6 +36,7 @@ pub mod decode_path;
 pub mod decoder;
 pub mod encoder;
 pub mod interval_basis;
+pub mod motion_space;
 pub mod objective;
 pub mod planner;
 pub mod prior;

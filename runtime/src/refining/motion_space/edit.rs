@@ -119,6 +119,13 @@ impl<'a> Edit<'a> {
     /// Of these anchors and this motion, with nothing added yet.
     pub fn begin(&mut self, poses: &[Pose], anchors: &AnchorSet, planted: bool) {
         self.planted = planted;
+        self.weights.fill([0.0; 2]);
+        self.heights.fill([0.0]);
+        self.own.fill([0.0; 3]);
+        for foot in self.feet.iter_mut().chain([&mut self.rest]) {
+            foot.known.fill(0);
+            foot.offsets.fill([0.0; 3]);
+        }
         for (point, anchor) in self.points.iter_mut().zip(anchors.iter()) {
             let part = Part::of(anchor, anchors.iter());
             *point = Point { frame: usize::from(anchor.frame), tall: anchor.has_height(), part, soft: 1.0, loose: 0.0 };
