@@ -3,6 +3,8 @@
 //! [`Recover`] is the seam for another representation: refinement works through it.
 
 pub mod humanml3d;
+pub mod limbs;
+pub mod rigid;
 pub mod rotations;
 pub mod skeleton;
 

@@ -1,13 +1,13 @@
 //! What is added to a motion, and the motion that comes of it.
 
 use super::covariance::Covariance;
-use super::limbs::{Limb, along};
 use super::parts::{Part, Side};
 use super::stances::{HELD, fill, mark, next_run};
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::numerics::rotation::Rotation;
 use crate::numerics::vector::{Vector, add, dot, scale, subtract, unit};
 use crate::representation::Pose;
+use crate::representation::limbs::{Limb, along};
 use crate::request::conditions::{AnchorSet, MAX_ANCHORS, Observed};
 
 /// Rows of the root's path beside the anchors': where it stays behind the last of them.

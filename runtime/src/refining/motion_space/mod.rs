@@ -9,7 +9,6 @@
 //! - `covariance`: how edits at different frames go together.
 //! - `cholesky`: the linear systems.
 //! - `stances`: when feet stand, and how offsets go from one stance to the next.
-//! - `limbs`: two bones, exactly.
 //! - `parts`: which part of the body moves for which anchor.
 //! - `edit`: all that is added to a motion; a frame at a time, so that no second motion is in memory.
 //!
@@ -20,7 +19,6 @@
 mod cholesky;
 mod covariance;
 mod edit;
-mod limbs;
 mod parts;
 mod stances;
 #[cfg(test)]

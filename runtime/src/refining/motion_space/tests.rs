@@ -2,9 +2,9 @@
 
 use std::{vec, vec::Vec};
 
-use super::limbs::Limb;
 use super::*;
 use crate::Anchor;
+use crate::representation::limbs::Limb;
 use crate::representation::skeleton::PARENTS;
 use crate::request::conditions::AnchorList;
 
