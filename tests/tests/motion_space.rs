@@ -16,7 +16,7 @@ const FPS: u16 = 20;
 
 fn motions() -> Vec<Vec<Pose>> {
     let blob = BlobFile::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob")).expect("bundled");
-    let made = |(text, frames): (&str, u32)| {
+    let made = |(text, frames): (&str, u16)| {
         let request = Request::text(text).frames(frames).steps(4).seed(3);
         verify::run(&blob, text, &request).expect("it runs").joints
     };
