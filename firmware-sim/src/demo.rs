@@ -14,7 +14,7 @@ use clap::Args;
 use motionette::generation::tokens::{Length, Planning};
 use motionette::numerics::hash::Stream;
 use motionette::playback::Robot;
-use motionette::refining::{Activity, Basis, Config};
+use motionette::refining::{Activity, Basis, Config, Exact};
 use motionette::representation::skeleton::{NAMES, PARENTS};
 use motionette::request::conditions::AnchorSet;
 use motionette::text::words::{UNKNOWN, Words};
@@ -26,7 +26,7 @@ use motionette_host::console::say;
 use motionette_host::dataset::captioned::CaptionedMotion;
 use motionette_host::motion::Pose;
 use motionette_host::reference::bridge::reference_anchor;
-use motionette_host::reference::{DecodePath, Prior};
+use motionette_host::reference::{DecodePath, Prior, motion_space};
 use motionette_host::verify::planner;
 use motionette_host::{anchors_file, export, output, robot_file};
 use std::path::{Path, PathBuf};
@@ -67,7 +67,7 @@ pub struct Cmd {
     /// Plan as if there were no anchors and only bend the motion onto them.
     #[arg(long, conflicts_with_all = ["clip", "bvh"])]
     unconditioned: bool,
-    /// off, fast:N (N decoder evaluations), rs100, rs200, rs500 (RouteSolver as published), or rs200 with an ablation:
+    /// off, exact (edited behind the decoder), fast:N (N decoder evaluations), fast:N+exact (both), rs100, rs200, rs500 (RouteSolver as published), or rs200 with an ablation:
     /// rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled.
     #[arg(long, default_value = "fast:20", value_parser = refinement)]
     refinement: Refinement,
@@ -116,14 +116,19 @@ fn seconds(text: &str) -> Result<f64, String> {
 struct Refinement(Option<Config>);
 
 fn refinement(text: &str) -> Result<Refinement, String> {
-    let known = "known are off, fast:N, rs100, rs200, rs500, rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled";
+    let known = "known are off, exact, fast:N, fast:N+exact, rs100, rs200, rs500, rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled";
     let bad = || format!("no refinement is called {text:?}; {known}");
     if text == "off" {
         return Ok(Refinement(None));
     }
+    if text == "exact" {
+        return Ok(Refinement(Some(Config::exact())));
+    }
     if let Some(budget) = text.strip_prefix("fast:") {
-        let budget = budget.parse().ok().filter(|n| (1..=10_000).contains(n));
-        return budget.map(|n| Refinement(Some(Config::fast(n)))).ok_or_else(bad);
+        let (budget, both) = budget.strip_suffix("+exact").map_or((budget, false), |budget| (budget, true));
+        let budget = budget.parse().ok().filter(|n| (1..=10_000).contains(n)).ok_or_else(bad)?;
+        let config = Config::fast(budget);
+        return Ok(Refinement(Some(if both { config.exactly() } else { config })));
     }
     let (steps, ablation) = text
         .strip_prefix("rs")
@@ -144,6 +149,15 @@ fn refinement(text: &str) -> Result<Refinement, String> {
         Some(_) => return Err(bad()),
     }
     Ok(Refinement(Some(config)))
+}
+
+/// A motion edited by the reference.
+fn edited(motion: &[Pose], anchors: &[Anchor], exact: Exact, frame_rate: u16) -> Vec<Pose> {
+    let wide: Vec<_> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
+    let anchors: Vec<_> = anchors.iter().map(reference_anchor).collect();
+    let settings = motion_space::Exact { added_speed: f64::from(exact.added_speed), planted: exact.planted };
+    let (edited, _) = motion_space::edited(&wide, &anchors, settings, f64::from(frame_rate));
+    edited.into_iter().map(|pose| pose.map(|at| at.map(|value| value as f32))).collect()
 }
 
 impl Cmd {
@@ -186,7 +200,10 @@ impl Cmd {
         };
 
         let started = Instant::now();
-        let reference = DecodePath::<f32>::new(&checkpoint)?.forward(&after.u).joints;
+        let mut reference = DecodePath::<f32>::new(&checkpoint)?.forward(&after.u).joints;
+        if let Some(exact) = config.and_then(|config| config.exact).filter(|_| !source.anchors.is_empty()) {
+            reference = edited(&reference, &source.anchors, exact, model.frame_rate());
+        }
         let reference_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut agreement = Agreement::default();
         agreement.add(&source.name, &after.joints, &reference);
@@ -520,10 +537,26 @@ mod tests {
     fn refinements_are_read_or_refused_with_the_list() {
         assert!(refinement("off").unwrap().0.is_none());
         assert_eq!(refinement("fast:40").unwrap().0.unwrap(), Config::fast(40));
+        assert_eq!(refinement("exact").unwrap().0.unwrap(), Config::exact());
+        assert_eq!(refinement("fast:3+exact").unwrap().0.unwrap(), Config::fast(3).exactly());
         assert_eq!(refinement("rs200").unwrap().0.unwrap(), Config::published(200));
         assert_eq!(refinement("rs100:slope").unwrap().0.unwrap().basis, Basis::Slope);
         assert_eq!(refinement("rs200:shuffled").unwrap().0.unwrap().activity, Activity::Shuffled);
-        for text in ["", "fast", "fast:0", "fast:-1", "fast:99999", "rs", "rs0", "rsx", "rs200:", "rs200:x", "slow"] {
+        for text in [
+            "",
+            "fast",
+            "fast:0",
+            "fast:-1",
+            "fast:99999",
+            "fast:+exact",
+            "exact:3",
+            "rs",
+            "rs0",
+            "rsx",
+            "rs200:",
+            "rs200:x",
+            "slow",
+        ] {
             assert!(refinement(text).unwrap_err().contains("known are"), "{text}");
         }
     }

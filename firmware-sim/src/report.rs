@@ -57,6 +57,10 @@ pub struct Report {
     pub decoder_evaluations: u16,
     /// Decoder gradients of the refinement.
     pub decoder_gradients: u16,
+    /// Repetitions of the edit in motion space; `null` where none was asked for.
+    pub edit_rounds: Option<u16>,
+    /// Anchors that were met only as far as speed allows.
+    pub loosened_anchors: u16,
     /// Mean jerk of all joints, m/s^3.
     pub jerk: f64,
     /// The same without refinement.
@@ -167,6 +171,13 @@ impl Report {
         if self.refined() {
             let (evaluations, gradients) = (self.decoder_evaluations, self.decoder_gradients);
             lines.push(line("refinement", format!("{evaluations} decoder evaluations, {gradients} gradients")));
+            if let Some(rounds) = self.edit_rounds {
+                let loose = match self.loosened_anchors {
+                    0 => String::new(),
+                    count => format!(", {count} anchors met as far as speed allows"),
+                };
+                lines.push(line("edited behind the decoder", format!("{rounds} rounds{loose}")));
+            }
             lines.push(line("distance |u - u0|", format!("{:.2}", self.du)));
         }
         let made = self.made();
@@ -217,7 +228,7 @@ impl Report {
 
     /// Whether the motion was bent.
     const fn refined(&self) -> bool {
-        self.decoder_evaluations > 0
+        self.decoder_evaluations > 0 || self.edit_rounds.is_some()
     }
 
     /// Errors of the prompt alone, of the generated motion and of the refined one, as far as they differ.
@@ -314,6 +325,7 @@ impl From<&Parts<'_>> for Report {
             let (unconditioned_cm, before_cm, after_cm) = (alone.map(error), error(before), error(after));
             AnchorErrors { name, joint, frame: anchor.frame, target, unconditioned_cm, before_cm, after_cm }
         };
+        let edited = after.refinement.and_then(|report| report.edited);
         Report {
             clip: parts.clip.to_owned(),
             caption: parts.caption.to_owned(),
@@ -335,6 +347,8 @@ impl From<&Parts<'_>> for Report {
             anchor_errors: parts.anchors.iter().map(errors).collect(),
             decoder_evaluations: after.refinement.map_or(0, |r| r.evaluations),
             decoder_gradients: after.refinement.map_or(0, |r| r.gradients),
+            edit_rounds: edited.map(|edited| edited.rounds),
+            loosened_anchors: edited.map_or(0, |edited| edited.loosened),
             jerk: metrics::jerk(&after.joints, f64::from(after.frame_rate)),
             jerk_before: metrics::jerk(&before.joints, f64::from(before.frame_rate)),
             foot_skating: metrics::foot_skating(&after.joints, 0.0),

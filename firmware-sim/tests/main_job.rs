@@ -145,6 +145,15 @@ fn each_stage_can_be_left_out() {
     assert_eq!((error(&controlled, "before"), &controlled["du"]), (error(&controlled, "after"), &0.0.into()));
     assert!(!text.contains("refined"), "{text}");
 
+    // Edited behind the decoder: no evaluation of it, every anchor met, and the reference edits alike.
+    let (exact, text) = made(&["--refinement", "exact"]);
+    assert_eq!((&exact["decoder_evaluations"], &exact["du"]), (&0.into(), &0.0.into()), "{exact}");
+    assert!(error(&exact, "after") < 0.1 && error(&exact, "before") > 1.0, "{exact}");
+    assert!(exact["edit_rounds"].as_u64() > Some(0) && text.contains("edited behind the decoder"), "{text}");
+    assert!(exact["reference_mean_mm"].as_f64() < Some(2.0), "{exact}");
+    let (both, _) = made(&["--refinement", "fast:3+exact"]);
+    assert!(error(&both, "after") < 0.1 && both["decoder_evaluations"].as_u64() > Some(0), "{both}");
+
     // What was given is not planned, and nothing is said of a planner.
     let (given, text) = made(&["--clip", "bnr2_walk_masculine_023"]);
     assert!(given["control_error_unconditioned_cm"].is_null() && given["unconditioned_because"].is_null(), "{given}");

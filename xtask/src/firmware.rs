@@ -44,14 +44,14 @@ struct FeatureSet {
 /// Motions from text through anchors, without servos: what the check image links where nothing else is said.
 const GENERATOR: &str = "generate,families";
 const FEATURE_SETS: [FeatureSet; 5] = [
-    FeatureSet { name: "all", features: "generate,families,playback", budget: 192 * 1024 },
-    FeatureSet { name: "no playback", features: GENERATOR, budget: 164 * 1024 },
+    FeatureSet { name: "all", features: "generate,families,playback", budget: 220 * 1024 },
+    FeatureSet { name: "no playback", features: GENERATOR, budget: 192 * 1024 },
     FeatureSet {
         name: "no playback, no text",
         features: "generate,motionette/tmd,motionette/anchor-control,motionette/refining",
-        budget: 156 * 1024,
+        budget: 184 * 1024,
     },
-    FeatureSet { name: "no playback, no planner", features: "generate,motionette/refining", budget: 110 * 1024 },
+    FeatureSet { name: "no playback, no planner", features: "generate,motionette/refining", budget: 138 * 1024 },
     FeatureSet { name: "playback only", features: "playback", budget: 40 * 1024 },
 ];
 

@@ -2,6 +2,5 @@
 
 pub(crate) mod angle;
 pub mod hash;
-#[cfg(feature = "playback")]
 pub(crate) mod rotation;
 pub(crate) mod vector;

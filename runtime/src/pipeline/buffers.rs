@@ -6,6 +6,7 @@ use crate::model::Model;
 use crate::nn::output::Output;
 use crate::pipeline::plan::Limits;
 use crate::refining;
+use crate::refining::motion_space::{Exact, Scratch};
 use crate::representation::humanml3d::{POSITION_CHANNELS, Path, ROOT_CHANNELS};
 use crate::representation::rotations;
 
@@ -15,8 +16,8 @@ const fn solver_channels(anchors: usize) -> usize {
 }
 
 /// Numbers of a frame in the buffer for features and their gradient.
-const fn feature_columns(anchors: usize) -> usize {
-    let solver = if anchors == 0 { 0 } else { 2 * solver_channels(anchors) };
+const fn feature_columns(limits: &Limits) -> usize {
+    let solver = if limits.bends() { 2 * solver_channels(limits.anchors) } else { 0 };
     if solver > POSITION_CHANNELS { solver } else { POSITION_CHANNELS }
 }
 
@@ -64,7 +65,7 @@ impl<'a> Decoding<'a> {
         let begin = arena.used();
         let u = arena.take(limits.tokens * decoder.code_width())?;
         let embeddings = arena.used() - begin;
-        let features = arena.take(frames * feature_columns(limits.anchors))?;
+        let features = arena.take(frames * feature_columns(limits))?;
         let of_features = arena.used() - begin - embeddings;
         let path = Path::take(arena, frames, true)?;
         let of_path = arena.used() - begin - embeddings - of_features;
@@ -76,6 +77,17 @@ impl<'a> Decoding<'a> {
     }
 }
 
+/// What the edit in motion space works in, behind [`rotation_rows`]; nothing where none is asked for.
+pub(crate) fn edit<'a>(
+    model: &Model<'_>,
+    limits: &Limits,
+    arena: &mut Arena<'a>,
+) -> Result<Option<(Exact, Scratch<'a>)>, ArenaTooSmall> {
+    let Some(exact) = limits.refinement.exact.filter(|_| limits.anchors > 0) else { return Ok(None) };
+    let scratch = Scratch::take(limits.tokens * model.frames_per_token(), limits.anchors, arena)?;
+    Ok(Some((exact, scratch)))
+}
+
 /// What the solver works in, behind [`Decoding`]; nothing without anchors.
 pub(crate) fn solver<'a>(
     model: &Model<'_>,
@@ -84,7 +96,7 @@ pub(crate) fn solver<'a>(
 ) -> Result<Arena<'a>, ArenaTooSmall> {
     let &Limits { tokens, anchors, ref refinement, .. } = limits;
     let shape = refining::ProblemShape { tokens, width: model.decoder().code_width(), anchors };
-    arena.part(if anchors > 0 { refining::scratch_bytes(shape, refinement) } else { 0 })
+    arena.part(if limits.bends() { refining::scratch_bytes(shape, refinement) } else { 0 })
 }
 
 /// The last layer's quantised input `[T][W]` and its scales `[T]`, which rotations are computed from: in the solver's place.

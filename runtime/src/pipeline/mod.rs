@@ -26,7 +26,8 @@ use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
 use crate::numerics::hash::Fnv;
 use crate::pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits};
-use crate::refining::{self, Objective, SolverError};
+use crate::refining::motion_space::{self, Edited};
+use crate::refining::{self, Objective, Report, SolverError};
 use crate::representation::humanml3d::{Path, channels};
 use crate::representation::{Features, Recover};
 use crate::request::conditions::AnchorSet;
@@ -51,7 +52,7 @@ pub struct Motion<'a> {
     frame_rate: u16,
     rotations: Rotations<'a>,
     /// What the refinement did; `None` without one.
-    pub refinement: Option<refining::Report>,
+    pub refinement: Option<Report>,
     /// Arena bytes that were taken.
     pub arena_used: usize,
 }
@@ -72,9 +73,12 @@ impl<'a> Motion<'a> {
     }
 
     /// The pose of a frame as the model's own joint rotations have it: bones as long as in [`Motion::frames`], turned as the rotations
-    /// say. `None` when the model has none, or the motion no such frame.
+    /// say. `None` when the model has none, when the joints were edited behind the decoder, or the motion has no such frame.
     #[must_use]
     pub fn rotated(&self, frame: usize) -> Option<[[f32; 3]; JOINTS]> {
+        if self.refinement.is_some_and(|report| report.edited.is_some()) {
+            return None;
+        }
         self.rotations.pose(frame, self.frames().get(frame)?)
     }
 
@@ -84,7 +88,7 @@ impl<'a> Motion<'a> {
     pub fn rotation_error(&self, step: usize) -> Option<f32> {
         let (mut sum, mut count) = (0.0f32, 0.0f32);
         for (index, pose) in self.frames().iter().enumerate().step_by(if step > 0 { step } else { 1 }) {
-            let rotated = self.rotations.pose(index, pose)?;
+            let rotated = self.rotated(index)?;
             for ([ax, ay, az], [bx, by, bz]) in pose.iter().zip(rotated) {
                 let (dx, dy, dz) = (ax - bx, ay - by, az - bz);
                 sum += libm::sqrtf(dx * dx + dy * dy + dz * dz);
@@ -295,7 +299,7 @@ impl<'a> Generator<'a> {
         let tokens = embed(model, request.source, tokens, u)?;
 
         let mut refinement = None;
-        if cfg!(feature = "refining") && limits.anchors > 0 {
+        if cfg!(feature = "refining") && limits.bends() {
             let config = limits.refinement;
             let mut overlay = arena.overlay();
             let scratch = buffers::solver(model, &limits, &mut overlay).map_err(too_small)?;
@@ -340,6 +344,13 @@ impl<'a> Generator<'a> {
         let recovery = model.recovery();
         recovery.integrate(Features { values, channels: &all }, &mut path);
         let joints = recovery.joints(values, &path);
+        if cfg!(feature = "refining")
+            && let Some(edited) = edit(model, &limits, &anchors, joints, &mut arena, &mut peak).map_err(too_small)?
+        {
+            let report = Report::of_edit(refinement, edited, limits.refinement.stop_error);
+            log::debug!("edited: {}", report);
+            refinement = Some(report);
+        }
         let Path { cos, sin, .. } = path;
         let rotations =
             Rotations { output: decoder.output(), rows: work.kept(), mean: model.mean(), std: model.std(), cos, sin };
@@ -392,6 +403,24 @@ impl<'a> Generator<'a> {
         }
         Ok(Some(hash.value() == test.hash))
     }
+}
+
+/// Edits the decoded joints until they meet the anchors, where the request asks for it.
+#[inline(never)]
+fn edit(
+    model: &Model<'_>,
+    limits: &Limits,
+    anchors: &AnchorSet,
+    joints: &mut [f32],
+    arena: &mut Arena<'_>,
+    peak: &mut usize,
+) -> Result<Option<Edited>, ArenaTooSmall> {
+    let mut overlay = arena.overlay();
+    let Some((exact, mut scratch)) = buffers::edit(model, limits, &mut overlay)? else { return Ok(None) };
+    *peak = if *peak > overlay.used() { *peak } else { overlay.used() };
+    let (points, _) = joints.as_chunks_mut::<3>();
+    let (poses, _) = points.as_chunks_mut::<JOINTS>();
+    Ok(Some(motion_space::solve(poses, anchors, &exact, model.frame_rate(), &mut scratch)))
 }
 
 /// Fills `u` from tokens (the request's, or those that were planned) or embeddings. The tokens come back.

@@ -59,6 +59,8 @@ pub struct Plan {
     pub solver_bytes: usize,
     /// Bytes of what rotations come from, in the place of the solver's.
     pub rotation_bytes: usize,
+    /// Bytes of the edit in motion space, behind those.
+    pub edit_bytes: usize,
     /// Decoder evaluations at most, the final one included.
     pub evaluations: u32,
     /// Decoder gradients at most.
@@ -90,6 +92,7 @@ impl Plan {
         let token_bytes = Arena::measure(|arena| buffers::tokens(model, limits, arena));
         let solver_bytes = Arena::measure(|arena| buffers::solver(model, limits, arena));
         let rotation_bytes = Arena::measure(|arena| buffers::rotation_rows(model, limits, arena));
+        let edit_bytes = Arena::measure(|arena| buffers::edit(model, limits, arena));
         let mut arena = Arena::measuring();
         let taken = Decoding::take(model, limits, &mut arena);
         invariant!(taken.is_ok(), "an arena that measures refuses nothing");
@@ -99,8 +102,8 @@ impl Plan {
             planning = modules.bytes(limits.tokens, planned, limits.rows);
             planning_macs = modules.macs(limits.tokens, planned);
         }
-        let behind =
-            arena.used().saturating_add(if solver_bytes > rotation_bytes { solver_bytes } else { rotation_bytes });
+        let edited = rotation_bytes.saturating_add(edit_bytes);
+        let behind = arena.used().saturating_add(if solver_bytes > edited { solver_bytes } else { edited });
         let most = if planning.all() > behind { planning.all() } else { behind };
         let arena_bytes = token_bytes.saturating_add(most);
         if arena_bytes == usize::MAX {
@@ -120,6 +123,7 @@ impl Plan {
             embedding_bytes: decoding.embeddings,
             solver_bytes,
             rotation_bytes,
+            edit_bytes,
             evaluations: steps + 1,
             gradients: steps,
             planning_macs,
@@ -311,6 +315,11 @@ fn check_planning<'m, 'b>(
 }
 
 impl Limits {
+    /// Whether token embeddings are bent onto anchors.
+    pub(crate) const fn bends(&self) -> bool {
+        self.anchors > 0 && self.refinement.bends()
+    }
+
     fn check(&self, model: &Model<'_>) -> Result<(), PlanError> {
         check_tokens(model, self.tokens)?;
         if self.anchors > 0 && !cfg!(feature = "refining") {

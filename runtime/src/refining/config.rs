@@ -1,6 +1,7 @@
 //! What the solver is asked to do: method, budget, weights, basis.
 
 use super::metric::Prior;
+use super::motion_space::Exact;
 use crate::request::conditions::{AnchorSet, Family};
 
 /// One number for each control family.
@@ -131,6 +132,8 @@ pub struct Config {
     pub memory: u8,
     /// Seed of the shuffled activity.
     pub seed: u32,
+    /// The edit in motion space, behind the decoder: what meets the anchors exactly. With no evaluations it is all there is.
+    pub exact: Option<Exact>,
 }
 
 impl Config {
@@ -159,7 +162,24 @@ impl Config {
             prior: Some(Prior::NANO),
             memory: 5,
             seed: 1,
+            exact: None,
         }
+    }
+
+    /// The edit in motion space alone: no decoder evaluation.
+    pub const fn exact() -> Self {
+        Self { exact: Some(Exact::DEFAULT), ..Self::fast(0) }
+    }
+
+    /// The same, with the edit in motion space behind it.
+    #[must_use]
+    pub const fn exactly(self) -> Self {
+        Self { exact: Some(Exact::DEFAULT), ..self }
+    }
+
+    /// Whether token embeddings are bent at all.
+    pub(crate) const fn bends(&self) -> bool {
+        self.evaluations > 0 || self.exact.is_none()
     }
 
     /// RouteSolver as published with `steps` Adam steps (RS100, RS200, RS500). The last step's result is evaluated too, so

@@ -1,10 +1,11 @@
-//! The anchor solver: bends a generated motion onto its anchors by optimising its token embeddings (RouteSolver of
-//! AnchorRoute, EQUATIONS section 5).
+//! Two ways to bring a generated motion onto its anchors: bending its token embeddings through the decoder (RouteSolver of AnchorRoute,
+//! EQUATIONS section 5), and editing the joints behind it ([`motion_space`]). One, the other or both, as [`Config`] says.
 //!
-//! This layer knows a differentiable road from token embeddings to joint positions, [`MotionMap`], and nothing of what
+//! The first knows a differentiable road from token embeddings to joint positions, [`MotionMap`], and nothing of what
 //! lies behind it. It owns no memory: [`solve`] works in an arena of [`scratch_bytes`].
 //!
 //! # Layers
+//! - `motion_space`: the edit behind the decoder, without a gradient.
 //! - `methods`: entry point and the two ways to step: RouteSolver as published, and the fast default, L-BFGS.
 //! - `terms`: the objective `J(u)`, a list of terms: anchors, smoothness, feasibility, trust region.
 //! - `metric`: what integration does to the anchors' residuals, undone; the reason why few evaluations suffice.
@@ -54,6 +55,7 @@ pub use map::MotionMap;
 #[doc(hidden)]
 pub use methods::{ProblemShape, scratch_bytes, solve};
 pub use metric::Prior;
+pub use motion_space::{Edited, Exact};
 pub use report::{ControlError, Report, SolverError, StopReason};
 pub(crate) use terms::most_joints;
 #[doc(hidden)]

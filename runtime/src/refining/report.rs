@@ -4,6 +4,7 @@ use crate::memory::ArenaTooSmall;
 use core::fmt;
 
 use super::Stop;
+use super::motion_space::Edited;
 
 /// Distance of the motion from its anchors.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +57,29 @@ pub struct Report {
     /// True when the map's last forward pass was at the result, so that its positions are the result's. When false, the
     /// map must decode the result once more before anything is read from it.
     pub current: bool,
+    /// What the edit in motion space did, where the request asks for it; `after` is then the edited motion's.
+    pub edited: Option<Edited>,
+}
+
+impl Report {
+    /// Of an edit in motion space, behind what was refined before.
+    pub(crate) fn of_edit(refined: Option<Report>, edited: Edited, stop_error: f32) -> Self {
+        let met = edited.after.is_none_or(|after| after.worst <= stop_error);
+        let nothing = Report {
+            evaluations: 0,
+            gradients: 0,
+            before: edited.before,
+            after: None,
+            objective_before: 0.0,
+            objective_after: 0.0,
+            distance: 0.0,
+            reason: StopReason::NoAnchors,
+            current: true,
+            edited: None,
+        };
+        let reason = if met { StopReason::Tolerance } else { StopReason::Stalled };
+        Report { after: edited.after, reason, edited: Some(edited), ..refined.unwrap_or(nothing) }
+    }
 }
 
 /// Why a solve gave no result. The caller's `u` holds the best so far in every case.

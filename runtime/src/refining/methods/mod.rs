@@ -217,6 +217,7 @@ impl<'a, M: MotionMap> Run<'a, M> {
             distance,
             reason,
             current: self.current,
+            edited: None,
         }
     }
 }

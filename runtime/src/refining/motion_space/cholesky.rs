@@ -1,6 +1,6 @@
 //! Symmetric positive systems of a few dozen unknowns.
 
-use crate::refining::vector::dot;
+use crate::refining::vector::{axpy, dot, rows, rows_mut};
 
 /// Numbers that a system of so many unknowns takes: its lower triangle.
 #[must_use]
@@ -17,7 +17,9 @@ pub struct Cholesky<'a> {
 impl<'a> Cholesky<'a> {
     /// Factors the matrix whose element at row i, column j <= i is `entry(i, j)`, with `ridge` times the mean of the diagonal added to the
     /// diagonal, in `lower`, of [`triangle`] numbers. An unknown whose pivot is lost to rounding comes out as 0.
-    pub fn new(lower: &'a mut [f32], order: usize, ridge: f32, entry: impl Fn(usize, usize) -> f32) -> Self {
+    // Not one a matrix: all together they would take more flash than the sums.
+    #[inline(never)]
+    pub fn new(lower: &'a mut [f32], order: usize, ridge: f32, entry: &dyn Fn(usize, usize) -> f32) -> Self {
         invariant!(lower.len() >= triangle(order), "{} numbers for {order} unknowns", lower.len());
         let mut trace = 0.0;
         for i in 0..order {
@@ -46,32 +48,35 @@ impl<'a> Cholesky<'a> {
         Cholesky { lower: part!(lower, ..triangle(order)) }
     }
 
-    /// Replaces the right sides `x`, one row an unknown, by the solutions.
-    pub fn solve<const C: usize>(&self, x: &mut [[f32; C]]) {
-        let order = x.len();
+    /// Replaces the right sides `x [order][width]` by the solutions.
+    #[inline(never)]
+    pub fn solve(&self, x: &mut [f32], width: usize) {
+        let order = x.len().checked_div(width).unwrap_or(0);
         invariant!(self.lower.len() == triangle(order), "{order} right sides");
         for i in 0..order {
             let row = part!(self.lower, triangle(i)..triangle(i + 1));
-            let (done, rest) = x.split_at_mut_checked(i).unwrap_or_default();
-            let (Some(value), Some((reciprocal, row))) = (rest.first_mut(), row.split_last()) else { continue };
-            for (earlier, factor) in done.iter().zip(row) {
-                for (value, earlier) in value.iter_mut().zip(earlier) {
-                    *value -= factor * earlier;
-                }
+            let (done, rest) = x.split_at_mut_checked(i * width).unwrap_or_default();
+            let (values, Some((reciprocal, row))) = (part_mut!(rest, ..width), row.split_last()) else { continue };
+            for (earlier, factor) in rows(done, width).zip(row) {
+                axpy(values, -factor, earlier);
             }
-            *value = value.map(|value| value * reciprocal);
+            scale(values, *reciprocal);
         }
         for i in (0..order).rev() {
             let row = part!(self.lower, triangle(i)..triangle(i + 1));
-            let (done, rest) = x.split_at_mut_checked(i).unwrap_or_default();
-            let (Some(value), Some((reciprocal, row))) = (rest.first_mut(), row.split_last()) else { continue };
-            *value = value.map(|value| value * reciprocal);
-            for (earlier, factor) in done.iter_mut().zip(row) {
-                for (earlier, value) in earlier.iter_mut().zip(value.iter()) {
-                    *earlier -= factor * value;
-                }
+            let (done, rest) = x.split_at_mut_checked(i * width).unwrap_or_default();
+            let (values, Some((reciprocal, row))) = (part_mut!(rest, ..width), row.split_last()) else { continue };
+            scale(values, *reciprocal);
+            for (earlier, factor) in rows_mut(done, width).zip(row) {
+                axpy(earlier, -factor, values);
             }
         }
+    }
+}
+
+fn scale(values: &mut [f32], by: f32) {
+    for value in values {
+        *value *= by;
     }
 }
 
@@ -89,10 +94,10 @@ mod tests {
                 (0..5).map(gram).sum::<f32>() + if i == j { 1.0 } else { 0.0 }
             };
             let mut lower = vec![0.0; triangle(order)];
-            let factor = Cholesky::new(&mut lower, order, 0.0, entry);
+            let factor = Cholesky::new(&mut lower, order, 0.0, &entry);
             let right: Vec<[f32; 2]> = (0..order).map(|i| [i as f32 - 3.0, 1.0 / (1.0 + i as f32)]).collect();
             let mut x = right.clone();
-            factor.solve(&mut x);
+            factor.solve(x.as_flattened_mut(), 2);
             for (i, wanted) in right.iter().enumerate() {
                 for c in 0..2 {
                     let got: f64 = (0..order).map(|j| f64::from(entry(i.max(j), i.min(j))) * f64::from(x[j][c])).sum();
@@ -107,10 +112,10 @@ mod tests {
     fn rows_that_say_the_same_leave_no_infinity() {
         let mut lower = [0.0; 3];
         let mut x = [[2.0], [2.0]];
-        Cholesky::new(&mut lower, 2, 0.0, |_, _| 1.0).solve(&mut x);
+        Cholesky::new(&mut lower, 2, 0.0, &|_, _| 1.0).solve(x.as_flattened_mut(), 1);
         assert_eq!(x, [[2.0], [0.0]]);
         let mut x = [[2.0], [2.0]];
-        Cholesky::new(&mut lower, 2, 1e-3, |_, _| 1.0).solve(&mut x);
+        Cholesky::new(&mut lower, 2, 1e-3, &|_, _| 1.0).solve(x.as_flattened_mut(), 1);
         assert!((x[0][0] - x[1][0]).abs() < 1e-3 && (x[0][0] + x[1][0] - 2.0).abs() < 1e-2, "{x:?}");
     }
 }

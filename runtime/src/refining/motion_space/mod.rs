@@ -204,14 +204,14 @@ impl Solver<'_, '_> {
         let edit = &mut *self.edit;
         let mut path = edit.lacks_of_path(&missing);
         let path = part_mut!(path, ..count + TAIL);
-        Cholesky::new(system, count + TAIL, RIDGE, |i, j| edit.of_path(i, j)).solve(path);
+        Cholesky::new(system, count + TAIL, RIDGE, &|i, j| edit.of_path(i, j)).solve(path.as_flattened_mut(), 2);
         let mut heights = [[0.0]; MAX_ANCHORS];
         let points = edit.points().iter().zip(edit.heights.iter()).zip(missing);
         for (slot, ((point, [weight]), [_, y, _])) in heights.iter_mut().zip(points) {
             *slot = [y - point.loose * weight];
         }
         let heights = part_mut!(heights, ..count);
-        Cholesky::new(system, count, RIDGE, |i, j| edit.of_height(i, j)).solve(heights);
+        Cholesky::new(system, count, RIDGE, &|i, j| edit.of_height(i, j)).solve(heights.as_flattened_mut(), 1);
         for (weight, [x, z]) in edit.weights.iter_mut().zip(path) {
             *weight = [weight[0] + *x, weight[1] + *z];
         }
@@ -232,8 +232,8 @@ impl Solver<'_, '_> {
                 *slot = subtract(lack, scale(*own, point.loose));
             }
             let edit = &*self.edit;
-            let factor = Cholesky::new(self.system, count, OWN_RIDGE, |i, j| edit.of_own(i, j));
-            factor.solve(part_mut!(missing, ..count));
+            let factor = Cholesky::new(self.system, count, OWN_RIDGE, &|i, j| edit.of_own(i, j));
+            factor.solve(part_mut!(missing, ..count).as_flattened_mut(), 3);
             for (own, missing) in self.edit.own.iter_mut().zip(missing) {
                 *own = add(*own, missing);
             }
