@@ -49,10 +49,6 @@ enum Chain {
     Limb(usize),
 }
 
-fn left(joint: usize) -> bool {
-    [1, 4, 7, 10, 13, 16, 18, 20].contains(&joint)
-}
-
 fn chain(anchor: &Anchor, anchors: &[Anchor]) -> Chain {
     let joint = anchor.joint();
     let meanwhile = |within: usize, other: &dyn Fn(usize) -> bool| {
@@ -74,16 +70,13 @@ fn chain(anchor: &Anchor, anchors: &[Anchor]) -> Chain {
 }
 
 /// Standard deviations of a chain's own way, over the floor and in height.
-fn own_way(chain: Chain, joint: usize) -> [f64; 2] {
+fn own_way(chain: Chain) -> [f64; 2] {
     match chain {
         Chain::Body => [0.0, 0.0],
         Chain::Lean(_) | Chain::Limb(12 | 15) => [0.08, 0.03],
         Chain::Limb(7 | 8 | 10 | 11) => [0.15, 0.5],
         Chain::Limb(18..=21) => [0.15, 0.3],
-        Chain::Limb(_) => {
-            debug_assert!([4, 5, 13, 14, 16, 17].contains(&joint));
-            [0.1, 0.1]
-        }
+        Chain::Limb(_) => [0.1, 0.1],
     }
 }
 
@@ -174,7 +167,7 @@ impl<'a> Solver<'a> {
         rows.extend((end > near && end > last + 1).then_some((end, last)));
         let point = |anchor: &Anchor| {
             let chain = chain(anchor, anchors);
-            Point { frame: anchor.frame, chain, way: own_way(chain, anchor.joint()), soft: 1.0, loose: 0.0 }
+            Point { frame: anchor.frame, chain, way: own_way(chain), soft: 1.0, loose: 0.0 }
         };
         let stances = [10, 11].map(|toe| if settings.planted { stances(&generated, toe) } else { Vec::new() });
         let mut solver = Self {
