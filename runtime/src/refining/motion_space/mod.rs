@@ -8,6 +8,7 @@
 //! # Layers
 //! - `covariance`: how edits at different frames go together.
 //! - `cholesky`: the linear systems.
+//! - `smoother`: the same for dense tracks, in time that grows with the frames alone.
 //! - `stances`: when feet stand, and how offsets go from one stance to the next.
 //! - `parts`: which part of the body moves for which anchor.
 //! - `edit`: all that is added to a motion; a frame at a time, so that no second motion is in memory.
@@ -20,6 +21,7 @@ mod cholesky;
 mod covariance;
 mod edit;
 mod parts;
+pub mod smoother;
 mod stances;
 #[cfg(test)]
 mod tests;
