@@ -55,6 +55,9 @@ const FEATURE_SETS: [FeatureSet; 5] = [
     FeatureSet { name: "playback only", features: "playback", budget: 40 * 1024 },
 ];
 
+/// The blob that a Pico 2 keeps two of.
+const PICO2_BLOB: &str = "models/nano.blob";
+
 /// Symbol that the gate's panic handler calls and nobody defines.
 const UNDEFINED: &str = "a_panic_is_reachable";
 
@@ -165,7 +168,7 @@ pub fn build_all() -> Result<()> {
     println!("Raspberry Pi Pico 2: {}", relative(&image));
     let mut size = shell::cargo();
     size.args(["run", "--quiet", "--release", "--package", "motionette-twin", "--bin", "motionette-board", "--"]);
-    size.arg(&image).arg("models/nano.blob");
+    size.arg(&image).arg("models/nano.blob").args(["--slot", PICO2_BLOB]);
     for set in &FEATURE_SETS {
         shell::run(&mut image_cargo(toolchain, "build", &M4, "check", set.features))?;
         let linked = keep(toolchain, &M4, "check", &set.name.replace([',', ' '], "-"))?;

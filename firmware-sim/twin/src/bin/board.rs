@@ -19,8 +19,12 @@ use serde_json::json;
 /// Flash that `memory.x` gives the firmware, and RAM.
 const FLASH: u64 = Layout::PICO2.offsets[0] as u64;
 const RAM: u64 = 512 * 1024;
+/// Bytes of a blob that fits a slot, which begins with a sector of 4 KiB that says what lies in it.
+const SLOT: usize = Layout::PICO2.length as usize - 4096;
 /// Stack that the runtime needs with a link interrupt and a servo tick on top of it (16 KiB painted in the emulator, and as much again).
 const STACK: u64 = 32 * 1024;
+/// Bytes that a blob and all of the runtime's code may take together: 2.2 MiB.
+const CODE_AND_BLOB: u64 = 11 * (1 << 20) / 5;
 /// Hertz.
 const CLOCK: f64 = 150e6;
 /// Cycles an instruction, assumed: code and weights come through a cache of 16 KiB in front of serial flash.
@@ -35,6 +39,9 @@ struct Cli {
     image: PathBuf,
     /// The model.
     blob: PathBuf,
+    /// A blob that must fit a slot beside the firmware.
+    #[arg(long, value_name = "BLOB")]
+    slot: Option<PathBuf>,
     /// A check image of some features, and the bytes that its code may take.
     #[arg(long, value_name = "FEATURES=BYTES=IMAGE")]
     code: Vec<Code>,
@@ -109,14 +116,25 @@ fn run(cli: &Cli) -> Result<()> {
         instructions / 1e6,
         fetched / 1e6
     ));
-    let mut too_large = Vec::new();
+    let (mut too_large, mut largest) = (Vec::new(), None);
     for Code { features, budget, image } in &cli.code {
         let elf = std::fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
         let bytes = image::text_bytes(&elf)?;
         say(&format!("runtime code, M4F    {bytes:>6} of {budget:>6} bytes: {features}"));
+        largest = largest.max(Some(bytes));
         if bytes > *budget {
             too_large.push(format!("{features}: {bytes} bytes, {budget} are the budget"));
         }
+    }
+    if let Some(most) = largest {
+        let (all, blob) = (most + model.bytes().len() as u64, cli.blob.display());
+        say(&format!("code and blob        {all} of {CODE_AND_BLOB} bytes: {blob}"));
+        ensure!(all <= CODE_AND_BLOB, "code and {blob} take {all} bytes, {CODE_AND_BLOB} are the budget");
+    }
+    if let Some(path) = &cli.slot {
+        let (bytes, room) = (BlobFile::open(path)?.model()?.bytes().len(), SLOT);
+        say(&format!("a slot for a blob    {bytes} of {room} bytes: {}", path.display()));
+        ensure!(bytes <= room, "{} does not fit a slot: {bytes} bytes, {room} are there", path.display());
     }
     ensure!(too_large.is_empty(), "the runtime's code is too large: {}", too_large.join("; "));
     if cli.json {
