@@ -14,7 +14,7 @@ use clap::Args;
 use motionette::generation::tokens::{Length, Planning};
 use motionette::numerics::hash::Stream;
 use motionette::playback::Robot;
-use motionette::refining::{Activity, Basis, Config, Exact};
+use motionette::refining::{Config, Exact};
 use motionette::representation::skeleton::{NAMES, PARENTS};
 use motionette::request::conditions::AnchorSet;
 use motionette::text::words::{UNKNOWN, Words};
@@ -22,6 +22,7 @@ use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::TokenizerCheckpoint;
+use motionette_host::cli::Refinement;
 use motionette_host::console::say;
 use motionette_host::dataset::captioned::CaptionedMotion;
 use motionette_host::motion::Pose;
@@ -69,7 +70,7 @@ pub struct Cmd {
     unconditioned: bool,
     /// off, exact (edited behind the decoder), fast:N (N decoder evaluations), fast:N+exact (both), rs100, rs200, rs500 (RouteSolver as published), or rs200 with an ablation:
     /// rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled.
-    #[arg(long, default_value = "fast:20", value_parser = refinement)]
+    #[arg(long, default_value = Refinement::DEFAULT)]
     refinement: Refinement,
     /// Seed of the planner and of the shuffled-activity ablation.
     #[arg(long, default_value_t = 1)]
@@ -109,46 +110,6 @@ pub struct Cmd {
 fn seconds(text: &str) -> Result<f64, String> {
     let found = text.parse().ok().filter(|s: &f64| *s > 0.0 && *s <= 3600.0);
     found.ok_or_else(|| format!("{text:?} is no length: write seconds above 0, e.g. 4.5"))
-}
-
-/// How anchors are met.
-#[derive(Debug, Clone, Copy)]
-struct Refinement(Option<Config>);
-
-fn refinement(text: &str) -> Result<Refinement, String> {
-    let known = "known are off, exact, fast:N, fast:N+exact, rs100, rs200, rs500, rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled";
-    let bad = || format!("no refinement is called {text:?}; {known}");
-    if text == "off" {
-        return Ok(Refinement(None));
-    }
-    if text == "exact" {
-        return Ok(Refinement(Some(Config::exact())));
-    }
-    if let Some(budget) = text.strip_prefix("fast:") {
-        let (budget, both) = budget.strip_suffix("+exact").map_or((budget, false), |budget| (budget, true));
-        let budget = budget.parse().ok().filter(|n| (1..=10_000).contains(n)).ok_or_else(bad)?;
-        let config = Config::fast(budget);
-        return Ok(Refinement(Some(if both { config.exactly() } else { config })));
-    }
-    let (steps, ablation) = text
-        .strip_prefix("rs")
-        .ok_or_else(bad)?
-        .split_once(':')
-        .map_or_else(|| (text.trim_start_matches("rs"), None), |(steps, ablation)| (steps, Some(ablation)));
-    let steps = steps.parse().ok().filter(|n| (1..=10_000).contains(n)).ok_or_else(bad)?;
-    let mut config = Config::published(steps);
-    match ablation {
-        None => {}
-        Some("plain") => config.basis = Basis::Plain,
-        Some("transport") => config.basis = Basis::Transport,
-        Some("slope") => config.basis = Basis::Slope,
-        Some("quadratic") => config.basis = Basis::Quadratic,
-        Some("cubic") => config.basis = Basis::Cubic,
-        Some("uniform") => config.activity = Activity::Uniform,
-        Some("shuffled") => config.activity = Activity::Shuffled,
-        Some(_) => return Err(bad()),
-    }
-    Ok(Refinement(Some(config)))
 }
 
 /// A motion edited by the reference.
@@ -527,37 +488,4 @@ fn curve(errors: &[f32]) -> Vec<CurvePoint> {
             CurvePoint { evaluations: index + 1, error_cm: best }
         })
         .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn refinements_are_read_or_refused_with_the_list() {
-        assert!(refinement("off").unwrap().0.is_none());
-        assert_eq!(refinement("fast:40").unwrap().0.unwrap(), Config::fast(40));
-        assert_eq!(refinement("exact").unwrap().0.unwrap(), Config::exact());
-        assert_eq!(refinement("fast:3+exact").unwrap().0.unwrap(), Config::fast(3).exactly());
-        assert_eq!(refinement("rs200").unwrap().0.unwrap(), Config::published(200));
-        assert_eq!(refinement("rs100:slope").unwrap().0.unwrap().basis, Basis::Slope);
-        assert_eq!(refinement("rs200:shuffled").unwrap().0.unwrap().activity, Activity::Shuffled);
-        for text in [
-            "",
-            "fast",
-            "fast:0",
-            "fast:-1",
-            "fast:99999",
-            "fast:+exact",
-            "exact:3",
-            "rs",
-            "rs0",
-            "rsx",
-            "rs200:",
-            "rs200:x",
-            "slow",
-        ] {
-            assert!(refinement(text).unwrap_err().contains("known are"), "{text}");
-        }
-    }
 }

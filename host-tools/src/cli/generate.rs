@@ -48,6 +48,13 @@ impl Cmd {
             let (count, before) = (anchors.len(), 100.0 * before.mean);
             say(&format!("{count} anchors: {before:.1} cm off before, {:.1} cm after", 100.0 * error));
         }
+        let edited = made.refinement.and_then(|report| report.edited);
+        let loosened = edited.map_or(0, |edited| edited.loosened);
+        if loosened > 0 {
+            say(&format!(
+                "note: {loosened} anchors ask for more speed than a body adds, and are met as far as it allows"
+            ));
+        }
         let [planning_macs, macs] = made.macs;
         say(&format!(
             "{steps} planner steps, at most {} MAC, {} arena bytes",
@@ -74,6 +81,8 @@ impl Cmd {
             "unconditioned_anchors": made.unconditioned.as_ref().map_or(0, |(count, _)| *count),
             "unconditioned_because": made.unconditioned.map(|(_, why)| why),
             "control_error_m": control,
+            "edit_rounds": edited.map(|edited| edited.rounds),
+            "loosened_anchors": loosened,
             "rigid_mean_cm": 100.0 * rigid.mean,
             "rigid_largest_cm": 100.0 * rigid.largest,
             "hash": format!("{:016x}", made.hash),

@@ -10,7 +10,7 @@ use motionette::request::prompt::{Prompt, PromptError};
 use motionette::text::words::{UNKNOWN, Words};
 use motionette::{Anchor, Generator, Model, Request};
 
-use super::say;
+use super::{Refinement, say};
 use crate::anchors_file;
 use crate::blob::BlobFile;
 use crate::motion::Pose;
@@ -60,6 +60,10 @@ pub(super) struct GenerateArgs {
     /// Plan as if there were no anchors and only bend the motion onto them.
     #[arg(long, requires = "anchors")]
     unconditioned: bool,
+    /// How anchors are met: off, exact (edited behind the decoder), fast:N (N decoder evaluations), fast:N+exact (both), rs200 (as
+    /// published); docs/anchors.md says more.
+    #[arg(long, requires = "anchors", default_value = Refinement::DEFAULT)]
+    refinement: Refinement,
 }
 
 /// A motion, and how it came about.
@@ -194,7 +198,10 @@ impl GenerateArgs {
         };
         let request = Request::prompt(prompt).planned(planning);
         let request = if self.unconditioned { request.unconditioned() } else { request };
-        if anchors.is_empty() { request } else { request.through(anchors) }
+        if anchors.is_empty() {
+            return request;
+        }
+        Request { refinement: self.refinement.0, ..request.anchors(anchors) }
     }
 
     /// How many anchors the planner did not see, and why; `None` when it saw all of them.

@@ -18,6 +18,7 @@ mod plan;
 mod progress;
 mod recording;
 mod recover;
+mod refinement;
 mod robot;
 mod verify;
 
@@ -30,6 +31,7 @@ use serde_json::{Value, json};
 use crate::console::{self, say};
 pub use progress::bar;
 pub use recording::RecordingOptions;
+pub use refinement::Refinement;
 
 /// Motion generation for robots: data in, models converted and checked, motion out.
 #[derive(Debug, Parser)]

@@ -1,0 +1,97 @@
+//! `--refinement`: how anchors are met, by name.
+
+use std::str::FromStr;
+
+use motionette::refining::{Activity, Basis, Config};
+
+/// How anchors are met; `None` leaves them to the planner.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Refinement(pub Option<Config>);
+
+impl Refinement {
+    /// What commands do that are told nothing.
+    pub const DEFAULT: &'static str = "fast:20";
+}
+
+impl FromStr for Refinement {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let known = "known are off, exact, fast:N, fast:N+exact, rs100, rs200, rs500, rs200:plain, :transport, :slope, :quadratic, :cubic, \
+            :uniform, :shuffled";
+        let bad = || format!("no refinement is called {text:?}; {known}");
+        if text == "off" {
+            return Ok(Refinement(None));
+        }
+        if text == "exact" {
+            return Ok(Refinement(Some(Config::exact())));
+        }
+        if let Some(budget) = text.strip_prefix("fast:") {
+            let (budget, both) = budget.strip_suffix("+exact").map_or((budget, false), |budget| (budget, true));
+            let budget = budget.parse().ok().filter(|n| (1..=10_000).contains(n)).ok_or_else(bad)?;
+            let config = Config::fast(budget);
+            return Ok(Refinement(Some(if both { config.exactly() } else { config })));
+        }
+        let (steps, ablation) = text
+            .strip_prefix("rs")
+            .ok_or_else(bad)?
+            .split_once(':')
+            .map_or_else(|| (text.trim_start_matches("rs"), None), |(steps, ablation)| (steps, Some(ablation)));
+        let steps = steps.parse().ok().filter(|n| (1..=10_000).contains(n)).ok_or_else(bad)?;
+        let mut config = Config::published(steps);
+        match ablation {
+            None => {}
+            Some("plain") => config.basis = Basis::Plain,
+            Some("transport") => config.basis = Basis::Transport,
+            Some("slope") => config.basis = Basis::Slope,
+            Some("quadratic") => config.basis = Basis::Quadratic,
+            Some("cubic") => config.basis = Basis::Cubic,
+            Some("uniform") => config.activity = Activity::Uniform,
+            Some("shuffled") => config.activity = Activity::Shuffled,
+            Some(_) => return Err(bad()),
+        }
+        Ok(Refinement(Some(config)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refinement(text: &str) -> Result<Refinement, String> {
+        text.parse()
+    }
+
+    #[test]
+    fn refinements_are_read_or_refused_with_the_list() {
+        assert!(refinement("off").unwrap().0.is_none());
+        assert_eq!(refinement("fast:40").unwrap().0.unwrap(), Config::fast(40));
+        assert_eq!(refinement("exact").unwrap().0.unwrap(), Config::exact());
+        assert_eq!(refinement("fast:3+exact").unwrap().0.unwrap(), Config::fast(3).exactly());
+        assert_eq!(refinement("rs200").unwrap().0.unwrap(), Config::published(200));
+        assert_eq!(refinement("rs100:slope").unwrap().0.unwrap().basis, Basis::Slope);
+        assert_eq!(refinement("rs200:shuffled").unwrap().0.unwrap().activity, Activity::Shuffled);
+        for text in [
+            "",
+            "fast",
+            "fast:0",
+            "fast:-1",
+            "fast:99999",
+            "fast:+exact",
+            "exact:3",
+            "rs",
+            "rs0",
+            "rsx",
+            "rs200:",
+            "rs200:x",
+            "slow",
+        ] {
+            assert!(refinement(text).unwrap_err().contains("known are"), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_default_is_the_runtime_s() {
+        assert_eq!(refinement(Refinement::DEFAULT), Ok(Refinement(Some(Config::DEFAULT))));
+    }
+}
