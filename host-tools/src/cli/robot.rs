@@ -29,7 +29,7 @@ enum What {
     Show(Show),
     Check(Check),
     Pack(Pack),
-    Fit(FitCmd),
+    Fit(Box<FitCmd>),
 }
 
 /// Prints a robot's servos, or with --toml the text of its robot.toml: a preset's is one to begin with.
