@@ -88,7 +88,8 @@ impl Preset {
         if request.refinement == Refinement::DEVICE {
             request.refinement = Refinement::FAST;
         }
-        if request.evaluations == 0 {
+        // The edit needs none: 0 of them are as good as meant.
+        if request.evaluations == 0 && request.refinement != Refinement::EXACT {
             request.evaluations = self.evaluations;
         }
         request

@@ -32,7 +32,7 @@ fn generate(random: &mut Random) -> Command {
         .collect();
     let length = if random.once_in(2) { Length::Predicted } else { Length::Frames(random.bits() as u16) };
     let play_when_ready = random.once_in(2);
-    let refinement = Refinement(random.below(5) as u8);
+    let refinement = Refinement(random.below(6) as u8);
     Command::Generate(Generate {
         length,
         refinement,

@@ -339,6 +339,8 @@ fn anchors_keep_their_meaning() {
     request.refinement = Refinement::PUBLISHED;
     let published = Config { evaluations: u16::MAX, ..Config::published(1) };
     assert_eq!(request.request(&anchors).refinement, Some(published));
+    request.refinement = Refinement::EXACT;
+    assert_eq!(request.request(&anchors).refinement, Some(Config::fast(u16::MAX).exactly()));
     request.refinement = Refinement::DEVICE;
     assert_eq!(request.request(&anchors).refinement, Some(Config::fast(u16::MAX)));
     request.anchors.clear();

@@ -220,6 +220,9 @@ typedef uint8_t mtn_joint;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// What steers the edit.
+typedef struct Exact Exact;
+
 // An error and the numbers that explain it.
 typedef struct mtn_result {
     // What went wrong; 0: nothing.
@@ -250,8 +253,10 @@ typedef struct mtn_limits {
     size_t anchors;
     // Planner steps; not looked at without words.
     uint16_t steps;
-    // Decoder evaluations of the refinement; 0: anchors are for the planner only.
+    // Decoder evaluations of the refinement; 0: anchors are for the planner only, unless `exact` is set.
     uint16_t evaluations;
+    // As of a request.
+    uint16_t exact;
     // Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
     float guidance;
     // Rows that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
@@ -313,10 +318,12 @@ typedef struct mtn_request {
     uint16_t frames;
     // Planner steps, 1 to 1000.
     uint16_t steps;
-    // Decoder evaluations of the refinement onto the anchors; 0: anchors are for the planner only.
+    // Decoder evaluations of the refinement onto the anchors; 0: anchors are for the planner only, unless `exact` is set.
     uint16_t evaluations;
     // Not 0: the planner does not see the anchors, they only refine.
     uint16_t unconditioned;
+    // Not 0: the joints are edited behind the decoder until the anchors are met, after `evaluations` of it, which may then be 0.
+    uint16_t exact;
 } mtn_request;
 
 // Makes motions of one model in one arena. Opaque: give it zeroed storage (a `static` is), call
@@ -394,6 +401,8 @@ typedef struct mtn_motion {
     uint16_t worst_anchor;
     // Decoder evaluations of the refinement.
     uint16_t evaluations;
+    // Anchors that ask for more speed than the edit of `exact` adds, and were met as far as it allows.
+    uint16_t loosened_anchors;
     // Frames a second.
     uint16_t frame_rate;
     // Words of the prompt.
@@ -424,6 +433,8 @@ typedef struct mtn_motion {
 
 // Stop at once, no motion. Any other number counts as this.
 #define MTN_FLOW_ABORT 2
+
+
 
 
 

@@ -138,6 +138,8 @@ pub struct mtn_motion {
     pub worst_anchor: u16,
     /// Decoder evaluations of the refinement.
     pub evaluations: u16,
+    /// Anchors that ask for more speed than the edit of `exact` adds, and were met as far as it allows.
+    pub loosened_anchors: u16,
     /// Frames a second.
     pub frame_rate: u16,
     /// Words of the prompt.
@@ -335,6 +337,7 @@ impl mtn_motion {
             worst_error: after.map_or(-1.0, |error| error.worst),
             worst_anchor: after.map_or(0, |error| error.worst_anchor),
             evaluations: report.map_or(0, |report| report.evaluations),
+            loosened_anchors: report.and_then(|report| report.edited).map_or(0, |edited| edited.loosened),
             frame_rate: motion.frame_rate(),
             words: motion.words(),
             unknown_words: motion.unknown_words(),

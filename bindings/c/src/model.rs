@@ -9,6 +9,7 @@ use motionette::{Error, Limits, MAX_STEPS, Model, Plan, PlanningError, PlanningL
 
 use crate::error::{mtn_error, mtn_result, report};
 use crate::pointer::{Slot, clamped, place, slice};
+use crate::request::refinement;
 
 /// Words of `mtn_model`'s storage.
 pub const MTN_MODEL_WORDS: usize = 544;
@@ -47,8 +48,10 @@ pub struct mtn_limits {
     pub anchors: usize,
     /// Planner steps; not looked at without words.
     pub steps: u16,
-    /// Decoder evaluations of the refinement; 0: anchors are for the planner only.
+    /// Decoder evaluations of the refinement; 0: anchors are for the planner only, unless `exact` is set.
     pub evaluations: u16,
+    /// As of a request.
+    pub exact: u16,
     /// Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
     pub guidance: f32,
     /// Rows that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
@@ -153,8 +156,9 @@ impl mtn_limits {
             let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0);
             planning = Some(PlanningLimits { words, steps, guided, anchors });
         }
-        let anchors = if self.evaluations > 0 { self.anchors } else { 0 };
+        let refinement = refinement(self.evaluations, self.exact);
+        let anchors = if refinement.is_some() { self.anchors } else { 0 };
         let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };
-        Ok(Limits { tokens, anchors, refinement: Config::fast(self.evaluations), planning, rows })
+        Ok(Limits { tokens, anchors, refinement: refinement.unwrap_or(Config::fast(0)), planning, rows })
     }
 }

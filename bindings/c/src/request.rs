@@ -65,10 +65,12 @@ pub struct mtn_request {
     pub frames: u16,
     /// Planner steps, 1 to 1000.
     pub steps: u16,
-    /// Decoder evaluations of the refinement onto the anchors; 0: anchors are for the planner only.
+    /// Decoder evaluations of the refinement onto the anchors; 0: anchors are for the planner only, unless `exact` is set.
     pub evaluations: u16,
     /// Not 0: the planner does not see the anchors, they only refine.
     pub unconditioned: u16,
+    /// Not 0: the joints are edited behind the decoder until the anchors are met, after `evaluations` of it, which may then be 0.
+    pub exact: u16,
 }
 
 /// A request for nothing yet: ten steps, guidance 2, 20 evaluations, seed 0, the length that the text suggests.
@@ -88,6 +90,7 @@ pub extern "C" fn mtn_request_default() -> mtn_request {
         steps: planning.steps,
         evaluations: Config::default().evaluations,
         unconditioned: 0,
+        exact: 0,
     }
 }
 
@@ -155,8 +158,17 @@ impl mtn_request {
         }
         request.anchors = AnchorList::Frames(anchors.as_slice());
         request.planning.conditioned = self.unconditioned == 0;
-        request.refinement = (self.evaluations > 0).then(|| Config::fast(self.evaluations));
+        request.refinement = refinement(self.evaluations, self.exact);
         Ok(request)
+    }
+}
+
+/// How anchors are met; `None` leaves them to the planner.
+pub(crate) fn refinement(evaluations: u16, exact: u16) -> Option<Config> {
+    let config = Config::fast(evaluations);
+    match exact {
+        0 => (evaluations > 0).then_some(config),
+        _ => Some(config.exactly()),
     }
 }
 

@@ -234,7 +234,8 @@ fn numbers_of_errors_stay_what_they_were() {
 fn storage_must_be_opened_and_not_copied() {
     let mut model: Box<mtn_model> = zeroed();
     assert_eq!(open(&mut model, &BLOB), FINE);
-    let limits = mtn_limits { frames: 60, words: 8, anchors: 2, steps: 5, evaluations: 20, guidance: 2.0, rows: 0 };
+    let limits =
+        mtn_limits { frames: 60, words: 8, anchors: 2, steps: 5, evaluations: 20, exact: 0, guidance: 2.0, rows: 0 };
     let mut plan: Box<mtn_plan> = zeroed();
     // SAFETY: everything is valid, `copy` holds the bits of an opened model.
     unsafe {
@@ -260,7 +261,8 @@ fn the_plan_is_what_a_request_takes() {
         let planned = unsafe { mtn_model_plan(&*model, &limits, &mut *plan) };
         if planned == FINE { Ok(*plan) } else { Err(planned) }
     };
-    let limits = mtn_limits { frames: 32, words: 0, anchors: 2, steps: 0, evaluations: 20, guidance: 0.0, rows: 0 };
+    let limits =
+        mtn_limits { frames: 32, words: 0, anchors: 2, steps: 0, evaluations: 20, exact: 0, guidance: 0.0, rows: 0 };
     let plan = plan_of(limits).unwrap();
     assert_eq!(plan.planning_macs, 0);
     let anchors = [ROOT, WRIST];
@@ -274,6 +276,13 @@ fn the_plan_is_what_a_request_takes() {
     let request = mtn_request { frames: 32, ..text(c"a person walks forward") };
     let request = mtn_request { anchors: anchors.as_ptr(), anchor_count: anchors.len(), ..request };
     assert_eq!(Bench::new(plan.arena_bytes).generate(&request).unwrap().arena_used, plan.arena_bytes);
+    // Edited behind the decoder: less memory, and nothing but the planner's and the last decoding's work.
+    let exact = plan_of(mtn_limits { evaluations: 0, exact: 1, ..words }).unwrap();
+    assert!(exact.arena_bytes <= plan.arena_bytes && exact.evaluations == 1 && exact.gradients == 0, "{exact:?}");
+    let edited = mtn_request { evaluations: 0, exact: 1, ..request };
+    let motion = Bench::new(exact.arena_bytes).generate(&edited).unwrap();
+    assert_eq!((motion.arena_used, motion.evaluations), (exact.arena_bytes, 0));
+    assert!(motion.worst_error < 0.002 && motion.control_error_before > 0.05, "{motion:?}");
     let roomy = plan_of(mtn_limits { rows: 24, ..words }).unwrap();
     assert!(roomy.arena_bytes > plan.arena_bytes && roomy.macs == plan.macs);
     let mut bench = Bench::new(roomy.arena_bytes);

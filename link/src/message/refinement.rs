@@ -17,10 +17,13 @@ impl Refinement {
     /// RouteSolver as published, [`Config::published`].
     pub const PUBLISHED: Refinement = Refinement(3);
 
+    /// Edited in motion space behind so many decoder evaluations, none of which it needs, [`Config::exactly`].
+    pub const EXACT: Refinement = Refinement(4);
+
     /// Whether this version of the link knows it.
     #[must_use]
     pub const fn is_known(self) -> bool {
-        self.0 <= Self::PUBLISHED.0
+        self.0 <= Self::EXACT.0
     }
 
     /// The runtime's configuration with a budget of decoder evaluations; `None`: no refinement.
@@ -29,6 +32,7 @@ impl Refinement {
         match self {
             Self::NONE => None,
             Self::PUBLISHED => Some(Config { evaluations, ..Config::published(0) }),
+            Self::EXACT => Some(Config::fast(evaluations).exactly()),
             _ => Some(Config::fast(evaluations)),
         }
     }

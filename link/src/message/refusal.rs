@@ -244,7 +244,7 @@ impl fmt::Display for Refusal {
             Refusal::NotReady(start) => start.fmt(f),
             Refusal::NotWaiting => write!(f, "the robot does not wait for a release"),
             Refusal::Refinement { found } => {
-                write!(f, "the device does not know refinement method {found}, only 0 to {}", Refinement::PUBLISHED.0)
+                write!(f, "the device does not know refinement method {found}, only 0 to {}", Refinement::EXACT.0)
             }
             Refusal::Unusable(fault) => write!(f, "the device has no model that it can use: {fault}"),
         }

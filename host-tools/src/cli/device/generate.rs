@@ -57,6 +57,8 @@ enum Method {
     Fast,
     /// RouteSolver as published, for hundreds of them.
     Published,
+    /// Edited behind the decoder until the anchors are met; with --evaluations, after so many of them.
+    Exact,
 }
 
 impl From<Method> for Refinement {
@@ -66,6 +68,7 @@ impl From<Method> for Refinement {
             Method::None => Refinement::NONE,
             Method::Fast => Refinement::FAST,
             Method::Published => Refinement::PUBLISHED,
+            Method::Exact => Refinement::EXACT,
         }
     }
 }
