@@ -171,6 +171,7 @@ fn the_order_of_two_actions_is_seen() {
             line,
             refused: None,
             unknown_words: 0,
+            sure: None,
             motions: vec![seen(true, false), seen(true, true)],
         })
     };
