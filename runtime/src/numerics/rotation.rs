@@ -27,6 +27,7 @@ impl Rotation {
     }
 
     /// The inverse.
+    #[cfg(feature = "playback")]
     #[must_use]
     pub fn inverse(self) -> Self {
         Rotation { w: self.w, v: scale(self.v, -1.0) }

@@ -1,5 +1,7 @@
 //! Training motions and random crops of them.
 
+use std::collections::BTreeMap;
+
 use motionette_host::dataset::{ClipView, Dataset, Split};
 use motionette_host::motion::features::{Bones, Options, extract};
 use motionette_host::motion::mirror::mirror_joints;
@@ -18,6 +20,8 @@ pub struct Corpus {
     /// Running number of frames, for drawing a motion in proportion to its length.
     frames_before: Vec<usize>,
     frames: usize,
+    /// Running mass of the motions, where rare actions are drawn more often; empty where all frames are drawn alike.
+    mass: Vec<f64>,
     normalization: Normalization,
 }
 
@@ -64,7 +68,39 @@ impl Corpus {
             frames_before.push(frames);
             frames += motion.len() / FEATURES;
         }
-        Ok(Self { motions, synthetic_legs, frames_before, frames, normalization })
+        Ok(Self { motions, synthetic_legs, frames_before, frames, mass: Vec::new(), normalization })
+    }
+
+    /// The same, with frames of rare actions drawn more often: by the number of their action's frames to the power of minus `balance`. Clips
+    /// without an action count as one.
+    #[must_use]
+    pub fn balanced(mut self, dataset: &Dataset, balance: f64) -> Self {
+        if balance == 0.0 {
+            return self;
+        }
+        let clips = dataset.split(Split::Train).filter(|clip| clip.frames() > FRAMES_PER_TOKEN);
+        let actions: Vec<&str> = clips.flat_map(|clip| [clip.info.action().unwrap_or_default(); 2]).collect();
+        let mut frames: BTreeMap<&str, f64> = BTreeMap::new();
+        for (action, motion) in actions.iter().zip(&self.motions) {
+            *frames.entry(action).or_default() += (motion.len() / FEATURES) as f64;
+        }
+        let mut sum = 0.0;
+        let running = actions.iter().zip(&self.motions).map(|(action, motion)| {
+            sum += (motion.len() / FEATURES) as f64 * frames[action].powf(-balance);
+            sum
+        });
+        self.mass = running.collect();
+        self
+    }
+
+    /// A motion, in proportion to its frames, or to what they weigh.
+    fn draw(&self, random: &mut Random) -> usize {
+        let Some(total) = self.mass.last() else {
+            let frame = random.below(self.frames);
+            return self.frames_before.partition_point(|before| *before <= frame) - 1;
+        };
+        let at = random.unit() * total;
+        self.mass.partition_point(|sum| *sum <= at).min(self.mass.len() - 1)
     }
 
     /// Mean and deviation of the motions.
@@ -89,8 +125,7 @@ impl Corpus {
         let mut lengths = Vec::with_capacity(size);
         let mut synthetic_legs = Vec::with_capacity(size);
         for crop in features.chunks_exact_mut(window * FEATURES) {
-            let frame = random.below(self.frames);
-            let index = self.frames_before.partition_point(|before| *before <= frame) - 1;
+            let index = self.draw(random);
             let motion = &self.motions[index];
             let frames = motion.len() / FEATURES;
             let length = window.min(frames / FRAMES_PER_TOKEN * FRAMES_PER_TOKEN);
@@ -144,6 +179,29 @@ mod tests {
             assert!(![0, 1, 3].into_iter().any(is_of) || !*synthetic);
         }
         assert!(counts.iter().all(|count| *count > 5), "{counts:?}");
+    }
+
+    /// Two actions, one of which has a single clip: unbalanced it is drawn as often as its frames say, balanced by 1 as often as the other.
+    #[test]
+    fn rare_actions_are_drawn_more_often() {
+        let mut dataset = testing::dataset(6, 40);
+        let rare = dataset.clips.iter().position(|clip| clip.split == Split::Train).unwrap();
+        for (index, clip) in dataset.clips.iter_mut().enumerate() {
+            clip.facts = None;
+            clip.labels = serde_json::json!({"content": if index == rare { "dance" } else { "walk" }});
+        }
+        let share = |balance: f64| {
+            let corpus = Corpus::new(&dataset).unwrap().balanced(&dataset, balance);
+            let mut random = Random::new(7, 2);
+            let drawn = (0..4000).filter(|_| corpus.draw(&mut random) < 2).count();
+            drawn as f64 / 4000.0
+        };
+        let corpus = Corpus::new(&dataset).unwrap();
+        let own = corpus.motions[0].len() * 2 / FEATURES;
+        let alike = own as f64 / corpus.frames as f64;
+        assert!((share(0.0) - alike).abs() < 0.03 && (share(1.0) - 0.5).abs() < 0.03, "{alike}");
+        let (rare, often) = (alike.sqrt(), (1.0 - alike).sqrt());
+        assert!((share(0.5) - rare / (rare + often)).abs() < 0.03);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use motionette_host::checkpoint::file_hash;
 use motionette_host::console::{remark, say};
 use motionette_host::dataset::Dataset;
 use serde_json::json;
@@ -29,6 +30,9 @@ pub struct Args {
     /// Configuration to begin with: nano or tiny.
     #[arg(long, default_value = "nano")]
     pub preset: String,
+    /// A tokenizer whose weights, codes and configuration the run begins with, instead of random ones.
+    #[arg(long, value_name = "FILE", conflicts_with = "evaluate")]
+    pub from: Option<PathBuf>,
     /// Measures this checkpoint on validation and test split and does not train.
     #[arg(long, value_name = "FILE")]
     pub evaluate: Option<PathBuf>,
@@ -50,9 +54,19 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return finish(options.json, &json!({"checkpoint": path, "steps": checkpoint.steps, "reports": reports}));
     }
     args.length.check()?;
-    let config = options.configured(Config::preset(&args.preset)?)?;
+    let from = args.from.as_deref().map(Checkpoint::load).transpose()?;
+    let begin = match (&from, &args.from) {
+        (Some(from), Some(path)) => Config { begun_with: Some(file_hash(path)?), ..from.config.clone() },
+        _ => Config::preset(&args.preset)?,
+    };
+    let config = options.configured(begin)?;
     let sources = DatasetHash { data_hash: dataset.hash.clone() };
-    let state = options.state(&config, &sources, || Ok(State::begin(&config, &dataset.hash)))?;
+    let state = options.state(&config, &sources, || {
+        Ok(match &from {
+            Some(from) => State::after(&config, &dataset.hash, from)?,
+            None => State::begin(&config, &dataset.hash),
+        })
+    })?;
     let trainer = Trainer::new(&config, &dataset)?;
     let corpus = trainer.corpus();
     let sizes = &config.architecture;

@@ -161,6 +161,12 @@ pub struct Config {
     pub codebook_decay: f32,
     /// A code whose running count of tokens a batch falls below this is dead and moves to a latent of the batch.
     pub dead_below: f32,
+    /// How far rare actions are drawn more often: by the frames of theirs to the power of minus this; 0 for as often as they come.
+    #[serde(default)]
+    pub balance: f64,
+    /// SHA-256 of the checkpoint whose weights the run began with; none for one that began with random ones.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub begun_with: Option<String>,
     /// Loss weights.
     pub loss: LossWeights,
 }
@@ -195,6 +201,8 @@ impl Config {
             quantize_from: 400,
             codebook_decay: 0.99,
             dead_below: 0.1,
+            balance: 0.0,
+            begun_with: None,
             loss: LossWeights {
                 groups: [0.15, 0.15, 0.05, 0.40, 0.10, 0.12, 0.03],
                 position: 2.0,
@@ -242,6 +250,7 @@ impl Configuration for Config {
         let window = self.window.is_multiple_of(FRAMES_PER_TOKEN) && (8..=MAX_FRAMES).contains(&self.window);
         require(window, "window", self.window, "a multiple of 4 from 8 to 196")?;
         require((0.0..1.0).contains(&self.codebook_decay), "codebook_decay", self.codebook_decay, "0 to 1")?;
+        require((0.0..=1.0).contains(&self.balance), "balance", self.balance, "0 to 1")?;
         let l = &self.loss;
         let terms = [l.position, l.velocity, l.bones, l.legs, l.made_up, l.root, l.heading, l.commitment];
         let weights = l.groups.iter().chain(&terms).all(|w| w.is_finite() && *w >= 0.0);

@@ -3,11 +3,13 @@
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
+use super::checkpoint::Checkpoint;
 use super::config::Config;
 use super::model;
 use super::quantizer::Codebook;
 use crate::harness::configuration::DatasetHash;
 use crate::harness::{self, Error, Extra};
+use crate::setting::{OutOfRange, require};
 use crate::tensor_file::TensorFile;
 
 /// A run between two steps; beside the parameters it keeps the codebook, once quantisation has begun.
@@ -18,6 +20,27 @@ impl State {
     pub fn begin(config: &Config, data_hash: &str) -> Self {
         let parameters = model::initial_parameters(&model::shapes(&config.architecture), config.seed);
         Self::new(config.clone(), DatasetHash { data_hash: data_hash.to_owned() }, parameters, None)
+    }
+}
+
+impl State {
+    /// A run that begins with the weights and codes of a checkpoint.
+    ///
+    /// # Errors
+    /// [`OutOfRange`] when the checkpoint has other sizes.
+    pub fn after(config: &Config, data_hash: &str, checkpoint: &Checkpoint) -> Result<Self, OutOfRange> {
+        let (own, other) = (&config.architecture, &checkpoint.config.architecture);
+        require(
+            own == other,
+            "architecture",
+            format!("{own:?}"),
+            "the sizes of the checkpoint that the run begins with",
+        )?;
+        let rows = &checkpoint.codebook;
+        // As if every code had been met once, where it is.
+        let book = Codebook::from_parts(rows.clone(), vec![1.0; own.codes], rows.clone(), own.code_dim);
+        let sources = DatasetHash { data_hash: data_hash.to_owned() };
+        Ok(Self::new(config.clone(), sources, checkpoint.parameters.clone(), Some(book)))
     }
 }
 

@@ -116,7 +116,7 @@ impl<'d> Trainer<'d> {
     /// # Errors
     /// [`Error::NoMotion`], [`Error::Mirror`].
     pub fn new(config: &Config, dataset: &'d Dataset) -> Result<Self, Error> {
-        let corpus = Corpus::new(dataset)?;
+        let corpus = Corpus::new(dataset)?.balanced(dataset, config.balance);
         let objective = Objective::new(&config.loss, corpus.normalization());
         let decayed = decay_mask(&model::shapes(&config.architecture));
         Ok(Self { dataset, corpus, objective, device: Device::flex(), decayed })
