@@ -113,6 +113,31 @@ mod tests {
         run(&args(folder, "--evaluate @out/tiny.safetensors")).unwrap();
     }
 
+    /// A run that begins with a checkpoint goes on from its weights and codes, and says with which.
+    #[test]
+    fn a_run_can_begin_with_a_checkpoint() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        testing::dataset(12, 40).save(folder.join("data.mds")).unwrap();
+        run(&args(folder, STEPS)).unwrap();
+        let first = Checkpoint::load(&folder.join("out/tiny.safetensors")).unwrap();
+        let more = "--from @out/tiny.safetensors --out @out/second --set balance=0.5 --set learning_rate=1e-9";
+        run(&args(folder, &format!("--steps 2 {more}"))).unwrap();
+        let second = Checkpoint::load(&folder.join("out/second.safetensors")).unwrap();
+        assert_eq!((second.steps, second.config.balance), (2, 0.5));
+        let hash = file_hash(&folder.join("out/tiny.safetensors")).unwrap();
+        assert_eq!(second.config.begun_with, Some(hash));
+        let far = first.parameters.iter().zip(&second.parameters).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(far < 1e-6 && first.parameters != second.parameters, "{far}");
+        let moved = first.codebook.iter().zip(&second.codebook).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(moved < 0.5, "codes begin where they were: {moved}");
+        run(&args(folder, &format!("--steps 2 {more} --resume"))).unwrap();
+        let refused = |more: &str, what: &str| testing::assert_refused(run(&args(folder, more)), what);
+        refused(&format!("--steps 2 {more} --set architecture.codes=9"), "the sizes of the checkpoint");
+        refused("--steps 2 --from @out/absent.safetensors", "absent.safetensors");
+        refused("--steps 2 --set balance=2", "balance is 2");
+    }
+
     #[test]
     fn a_run_limited_by_the_clock_ends() {
         let folder = tempfile::tempdir().unwrap();
