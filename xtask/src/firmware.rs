@@ -44,7 +44,7 @@ struct FeatureSet {
 /// Motions from text through anchors, without servos: what the check image links where nothing else is said.
 const GENERATOR: &str = "generate,families";
 const FEATURE_SETS: [FeatureSet; 5] = [
-    FeatureSet { name: "all", features: "generate,families,playback", budget: 220 * 1024 },
+    FeatureSet { name: "all", features: "generate,families,playback", budget: 222 * 1024 },
     FeatureSet { name: "no playback", features: GENERATOR, budget: 192 * 1024 },
     FeatureSet {
         name: "no playback, no text",
