@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use motionette::memory::Arena;
+use motionette::refining::Config;
 use motionette::refining::motion_space::{self, Exact, Scratch};
 use motionette::request::conditions::{AnchorList, AnchorSet};
 use motionette::{Anchor, Request};
@@ -96,4 +97,19 @@ fn runtime_and_reference_make_the_same_motion() {
         }
     }
     println!("{stances} edits with planted feet; runtime and reference differ by {worst:.2e} m at most");
+}
+
+/// Of a length that the text suggests there are fewer frames than were planned for; the anchors are met all the same, in the planned memory.
+#[test]
+fn motions_of_predicted_length_are_edited() {
+    let blob = BlobFile::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob")).expect("bundled");
+    for text in ["a person walks forward", "a person bows"] {
+        let list = [Anchor::root(12, [0.1, 0.9, 0.2]), Anchor::joint(20, 20, [0.4, 1.3, 0.3])];
+        let request = Request::text(text).steps(4).through(&list).refined(Config::exact());
+        let made = verify::run(&blob, text, &request).expect("it runs in the planned arena");
+        let report = made.refinement.expect("it was edited");
+        assert!(made.joints.len() < 196, "{} frames: the longest motion says nothing", made.joints.len());
+        assert!(report.edited.is_some() && report.evaluations == 0, "{report:?}");
+        assert!(report.after.is_some_and(|after| after.worst < 0.002), "{report:?}");
+    }
 }

@@ -173,7 +173,7 @@ impl<'a> Solver<'a> {
         let mut solver = Self {
             anchors,
             points: anchors.iter().map(point).collect(),
-            step: settings.added_speed / frame_rate,
+            step: (settings.added_speed / frame_rate).max(0.001),
             planted: settings.planted,
             path,
             weights: vec![[0.0; 2]; rows.len()],
@@ -496,7 +496,7 @@ impl<'a> Solver<'a> {
             }
         }
         for (point, excess) in self.points.iter_mut().zip(excess).filter(|(_, excess)| *excess > 0.0) {
-            point.loose = excess.max(1.2) * if point.loose > 0.0 { point.loose } else { 0.02 };
+            point.loose = (excess.max(1.2) * if point.loose > 0.0 { point.loose } else { 0.02 }).min(1e6);
             any = true;
         }
         any

@@ -27,9 +27,14 @@ pub(crate) fn cross(a: Vector, b: Vector) -> Vector {
     [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 }
 
+/// Euclidean length.
+pub(crate) fn length(a: Vector) -> f32 {
+    libm::sqrtf(dot(a, a))
+}
+
 /// The vector with length 1, or `otherwise` when it has none.
 #[inline(never)]
 pub(crate) fn unit(a: Vector, otherwise: Vector) -> Vector {
-    let length = libm::sqrtf(dot(a, a));
+    let length = length(a);
     if length > 1e-6 { scale(a, 1.0 / length) } else { otherwise }
 }

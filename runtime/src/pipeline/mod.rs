@@ -344,8 +344,10 @@ impl<'a> Generator<'a> {
         let recovery = model.recovery();
         recovery.integrate(Features { values, channels: &all }, &mut path);
         let joints = recovery.joints(values, &path);
+        // As many frames as there are, not as there might have been.
+        let made_of = Limits { tokens: made.tokens, ..limits };
         if cfg!(feature = "refining")
-            && let Some(edited) = edit(model, &limits, &anchors, joints, &mut arena, &mut peak).map_err(too_small)?
+            && let Some(edited) = edit(model, &made_of, &anchors, joints, &mut arena, &mut peak).map_err(too_small)?
         {
             let report = Report::of_edit(refinement, edited, limits.refinement.stop_error);
             log::debug!("edited: {}", report);

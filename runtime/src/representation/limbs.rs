@@ -1,6 +1,6 @@
 //! A limb of two bones: where its middle joint goes when its end is put elsewhere.
 
-use crate::numerics::vector::{Vector, add, cross, dot, scale, subtract, unit};
+use crate::numerics::vector::{Vector, add, cross, dot, length, scale, subtract, unit};
 
 /// A limb is never longer than this share of its two bones, so that it always bends to the side it came from; one that was longer may stay
 /// as long as it was.
@@ -17,10 +17,6 @@ pub struct Limb {
     pub middle: Vector,
     /// Ankle or wrist.
     pub end: Vector,
-}
-
-fn length(a: Vector) -> f32 {
-    libm::sqrtf(dot(a, a))
 }
 
 impl Limb {

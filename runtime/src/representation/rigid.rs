@@ -8,7 +8,7 @@ use super::Pose;
 use super::limbs::{Limb, along};
 use crate::JOINTS;
 use crate::numerics::rotation::Rotation;
-use crate::numerics::vector::{Vector, add, cross, dot, scale, subtract, unit};
+use crate::numerics::vector::{Vector, add, cross, dot, length, scale, subtract, unit};
 
 /// The skeleton's offsets from joint to joint at rest, metres.
 #[derive(Debug, Clone, Copy)]
@@ -106,10 +106,8 @@ const EASE: f32 = 0.03;
 /// Where the limb's end goes for `target`: in its direction, at a distance that differs from the limb's own less than the target's.
 fn eased(limb: &Limb, target: Vector) -> Vector {
     let way = subtract(target, limb.root);
-    let wanted = libm::sqrtf(dot(way, way));
-    let had = subtract(limb.end, limb.root);
-    let had = libm::sqrtf(dot(had, had));
-    let change = wanted - had;
+    let had = length(subtract(limb.end, limb.root));
+    let change = length(way) - had;
     let made_up = libm::sqrtf(change * change + EASE * EASE) - EASE;
     let reach = if change < 0.0 { had - made_up } else { had + made_up };
     add(limb.root, scale(unit(way, [0.0, -1.0, 0.0]), reach))
@@ -119,10 +117,6 @@ fn eased(limb: &Limb, target: Vector) -> Vector {
 mod tests {
     use super::*;
     use crate::representation::skeleton::PARENTS;
-
-    fn length(a: Vector) -> f32 {
-        libm::sqrtf(dot(a, a))
-    }
 
     /// A body with hips that slope and shoulders that are wide.
     fn body() -> Body {

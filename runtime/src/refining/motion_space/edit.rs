@@ -5,7 +5,7 @@ use super::parts::{Part, Side};
 use super::stances::{HELD, fill, mark, next_run};
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::numerics::rotation::Rotation;
-use crate::numerics::vector::{Vector, add, dot, scale, subtract, unit};
+use crate::numerics::vector::{Vector, add, length, scale, subtract, unit};
 use crate::representation::Pose;
 use crate::representation::limbs::{Limb, along};
 use crate::request::conditions::{AnchorSet, MAX_ANCHORS, Observed};
@@ -63,9 +63,9 @@ const ANCHORED: u8 = 1;
 /// A stance is not held more loosely than this, of [`HELD`].
 const LEAST_HELD: u8 = 2;
 
-/// A foot: when it stands, and where it is put.
+/// Offsets that are known at some frames and filled in between: of a foot, or of the body's last way.
 #[derive(Debug)]
-struct Foot<'a> {
+struct Offsets<'a> {
     /// Not 0 where the offset is known: in stances how firmly they are held, up to [`HELD`]; at other anchors [`ANCHORED`].
     known: &'a mut [u8],
     offsets: &'a mut [Vector],
@@ -88,8 +88,8 @@ pub struct Edit<'a> {
     /// What is added to every joint of a frame.
     path: &'a mut [Vector],
     /// Of this, what the weights do not say: the last millimetres to the anchors.
-    rest: Foot<'a>,
-    feet: [Foot<'a>; 2],
+    rest: Offsets<'a>,
+    feet: [Offsets<'a>; 2],
     planted: bool,
 }
 
@@ -99,8 +99,8 @@ impl<'a> Edit<'a> {
     /// # Errors
     /// [`ArenaTooSmall`].
     pub fn take(frames: usize, anchors: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
-        let mut foot = || Ok(Foot { known: arena.take(frames)?, offsets: arena.take(frames)? });
-        let (feet, rest) = ([foot()?, foot()?], foot()?);
+        let mut offsets = || Ok(Offsets { known: arena.take(frames)?, offsets: arena.take(frames)? });
+        let (feet, rest) = ([offsets()?, offsets()?], offsets()?);
         Ok(Edit {
             covariance: Covariance::take(frames, arena)?,
             points: [Point::NONE; MAX_ANCHORS],
@@ -151,7 +151,7 @@ impl<'a> Edit<'a> {
     /// anchors lack.
     pub fn settle(&mut self, poses: &[Pose], anchors: &AnchorSet, missing: &[Vector; MAX_ANCHORS]) -> bool {
         for (point, missing) in self.points.iter().zip(missing).take(self.count) {
-            if point.part != Part::Body || point.loose > 0.0 || dot(*missing, *missing) > LAST * LAST {
+            if point.part != Part::Body || point.loose > 0.0 || length(*missing) > LAST {
                 continue;
             }
             if let (Some(known), Some(offset)) =
@@ -181,8 +181,7 @@ impl<'a> Edit<'a> {
                 let end = next_run(foot.known, b).map_or(self.path.len(), |(next, _)| next + 1);
                 let mut fastest = 0.0;
                 for t in from + 1..end {
-                    let way = subtract(put(t), put(t - 1));
-                    let way = libm::sqrtf(dot(way, way));
+                    let way = length(subtract(put(t), put(t - 1)));
                     fastest = if way > fastest { way } else { fastest };
                 }
                 from = b;
@@ -418,7 +417,7 @@ impl<'a> Edit<'a> {
     }
 }
 
-impl Foot<'_> {
+impl Offsets<'_> {
     /// Puts the foot where it stood, or on those of its anchors that are exact.
     fn place(
         &mut self,

@@ -27,7 +27,7 @@ mod stances;
 mod tests;
 
 use crate::memory::{Arena, ArenaTooSmall};
-use crate::numerics::vector::{Vector, add, dot, scale, subtract};
+use crate::numerics::vector::{Vector, add, length, scale, subtract};
 use crate::refining::ControlError;
 use crate::refining::terms::anchors::Distances;
 use crate::representation::Pose;
@@ -56,13 +56,17 @@ const NEAR: usize = 8;
 const LOOSE: f32 = 0.02;
 /// It grows by so much at a time, at least.
 const LEAST: f32 = 1.2;
+/// Looser than this is not there at all; single precision can still tell it from infinity.
+const LOOSEST: f32 = 1e6;
+/// Least speed that is added, metres a frame; less, and what is no number, counts as this.
+const LEAST_STEP: f32 = 0.001;
 
 /// What steers the edit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Exact {
     /// Speed that root and limb together may have beyond the generated motion's, metres a second. Anchors that ask for more are met
-    /// as far as this allows.
+    /// as far as this allows. Less than a millimetre a frame counts as that.
     pub added_speed: f32,
     /// Whether feet stay where they stand.
     pub planted: bool,
@@ -124,6 +128,7 @@ pub fn solve(
     let Scratch { edit, system } = scratch;
     edit.begin(poses, anchors, settings.planted);
     let step = settings.added_speed / f32::from(if frame_rate > 0 { frame_rate } else { 1 });
+    let step = if step > LEAST_STEP { step } else { LEAST_STEP };
     let edited = Solver { poses, anchors, step, edit, system }.run();
     if !anchors.is_empty() || settings.planted {
         for (frame, pose) in poses.iter_mut().enumerate() {
@@ -286,7 +291,8 @@ impl Solver<'_, '_> {
         for (point, excess) in self.edit.points_mut().iter_mut().zip(excess).filter(|(_, excess)| *excess > 0.0) {
             // Speed falls as noise grows, at most in the same measure.
             let times = if excess > LEAST { excess } else { LEAST };
-            point.loose = if point.loose > 0.0 { times * point.loose } else { times * LOOSE };
+            let loose = times * if point.loose > 0.0 { point.loose } else { LOOSE };
+            point.loose = if loose < LOOSEST { loose } else { LOOSEST };
             any = true;
         }
         any
@@ -296,8 +302,4 @@ impl Solver<'_, '_> {
 /// Where a joint of a pose is.
 fn place(pose: Option<&Pose>, joint: u8) -> Vector {
     pose.and_then(|pose| pose.get(usize::from(joint))).copied().unwrap_or_default()
-}
-
-fn length(a: Vector) -> f32 {
-    libm::sqrtf(dot(a, a))
 }

@@ -229,6 +229,20 @@ fn what_cannot_be_is_done_as_far_as_speed_allows() {
     assert!(added_speed(&slow.0, &poses) < 0.6, "{}", added_speed(&slow.0, &poses));
 }
 
+/// Speeds that make no sense leave a finite motion.
+#[test]
+fn speeds_that_are_none_do_no_harm() {
+    let poses = walk(80);
+    let at = |by: Vector| Anchor::joint(40, 20, add(poses[40][20], by));
+    for added_speed in [0.0, -3.0, 1e-30, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX] {
+        for anchors in [vec![at([0.3, 0.1, 0.0]), Anchor::root(60, [5.0, 1.0, 0.0])], vec![at([900.0, 0.0, -900.0])]] {
+            let (out, edited) = solved(&poses, &anchors, &Exact { added_speed, ..Exact::DEFAULT });
+            let finite = out.as_flattened().as_flattened().iter().all(|v| v.is_finite());
+            assert!(finite && edited.after.unwrap().mean.is_finite(), "{added_speed}: {edited:?}");
+        }
+    }
+}
+
 /// A root that is drawn aside takes its feet along, but not while they stand.
 #[test]
 fn feet_stay_where_they_stand() {
