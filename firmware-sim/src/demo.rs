@@ -18,7 +18,7 @@ use motionette::refining::{Config, Exact};
 use motionette::representation::skeleton::{NAMES, PARENTS};
 use motionette::request::conditions::AnchorSet;
 use motionette::text::words::{UNKNOWN, Words};
-use motionette::{Anchor, Model, Request};
+use motionette::{Anchor, JOINTS, Model, Request};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::TokenizerCheckpoint;
@@ -27,7 +27,7 @@ use motionette_host::console::say;
 use motionette_host::dataset::captioned::CaptionedMotion;
 use motionette_host::motion::Pose;
 use motionette_host::reference::bridge::reference_anchor;
-use motionette_host::reference::{DecodePath, Prior, motion_space};
+use motionette_host::reference::{self, DecodePath, Prior, motion_space};
 use motionette_host::verify::planner;
 use motionette_host::{anchors_file, export, output, robot_file};
 use std::path::{Path, PathBuf};
@@ -112,6 +112,17 @@ fn seconds(text: &str) -> Result<f64, String> {
     found.ok_or_else(|| format!("{text:?} is no length: write seconds above 0, e.g. 4.5"))
 }
 
+/// A motion with the model's bones, by the reference.
+fn rigid(model: &Model<'_>, motion: &[Pose]) -> Vec<Pose> {
+    let mut offsets = [[0.0; 3]; JOINTS];
+    for (slot, offset) in offsets.iter_mut().zip(model.skeleton().offsets()) {
+        *slot = offset.map(f64::from);
+    }
+    let wide: Vec<_> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
+    let posed = reference::rigid::Body::new(&offsets).posed(&wide);
+    posed.into_iter().map(|pose| pose.map(|at| at.map(|value| value as f32))).collect()
+}
+
 /// A motion edited by the reference.
 fn edited(motion: &[Pose], anchors: &[Anchor], exact: Exact, frame_rate: u16) -> Vec<Pose> {
     let wide: Vec<_> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
@@ -161,7 +172,8 @@ impl Cmd {
         };
 
         let started = Instant::now();
-        let mut reference = DecodePath::<f32>::new(&checkpoint)?.forward(&after.u).joints;
+        let decoded = DecodePath::<f32>::new(&checkpoint)?.forward(&after.u).joints;
+        let mut reference = rigid(&model, &decoded);
         if let Some(exact) = config.and_then(|config| config.exact).filter(|_| !source.anchors.is_empty()) {
             reference = edited(&reference, &source.anchors, exact, model.frame_rate());
         }
@@ -189,6 +201,8 @@ impl Cmd {
             alone: motions.alone.as_ref(),
             before: &motions.before,
             after,
+            refinement: self.refinement,
+            skeleton: model.skeleton(),
             agreement,
             reference_ms,
             robot: &played.report,
@@ -248,7 +262,6 @@ impl Cmd {
             request: &request,
             frames: &after.joints,
             anchors: &source.anchors,
-            rotation_error: after.rotation_error,
             faults: &faults,
             seed: self.fault_seed,
         };
@@ -413,6 +426,7 @@ impl Cmd {
             note: report.unconditioned_because.as_ref().map(|_| format!("The planner saw {}.", report.seen())),
             intervals,
             robot: &played.shown,
+            refinement: report.refinement.clone(),
             curve: curve(&after.errors),
             error_alone_cm: report.control_error_unconditioned_cm.filter(|_| report.planner_conditioned),
             error_before_cm: report.control_error_before_cm,

@@ -51,7 +51,7 @@ pub fn of(
     };
     let mut intervals: Vec<Interval> = cut.intervals().iter().map(place).collect();
     for motion in motions {
-        let distances = Distances::of(&set, |joint, frame| motion[frame][usize::from(joint)]);
+        let distances = Distances::of(&set, &|joint, frame| motion[frame][usize::from(joint)]);
         let mut random = Random::new(0);
         let found = activities(Activity::Residual, &cut, &set, &distances, tolerance, &mut random);
         intervals.iter_mut().zip(found).for_each(|(interval, activity)| interval.activity.push(activity));

@@ -2,8 +2,10 @@
 
 use crate::robot::RobotReport;
 use crate::session::{self, Outcome};
+use motionette::blob::Skeleton;
 use motionette::{Anchor, JOINTS, Target};
 use motionette_host::agreement::ClipAgreement;
+use motionette_host::cli::Refinement;
 use motionette_host::metrics;
 use serde::Serialize;
 
@@ -69,6 +71,12 @@ pub struct Report {
     pub foot_skating: f64,
     /// The same without refinement.
     pub foot_skating_before: f64,
+    /// How anchors were met; null where nothing was.
+    pub refinement: Option<String>,
+    /// How far the bone that is farthest from its length is from it, millimetres.
+    pub bone_error_mm: f64,
+    /// Mean horizontal speed of feet near the ground, m/s.
+    pub foot_speed: f64,
     /// `||u - u0||_F`, the correction's size in embedding space.
     pub du: f64,
     /// Root-aligned distance from the f32 reference decoding the same `u`, mean, millimetres.
@@ -170,7 +178,8 @@ impl Report {
         }
         if self.refined() {
             let (evaluations, gradients) = (self.decoder_evaluations, self.decoder_gradients);
-            lines.push(line("refinement", format!("{evaluations} decoder evaluations, {gradients} gradients")));
+            let name = self.refinement.as_deref().unwrap_or_default();
+            lines.push(line("refinement", format!("{name}: {evaluations} decoder evaluations, {gradients} gradients")));
             if let Some(rounds) = self.edit_rounds {
                 let loose = match self.loosened_anchors {
                     0 => String::new(),
@@ -187,6 +196,9 @@ impl Report {
         let skating = refined(format!("{:.1} %", 100.0 * self.foot_skating));
         lines
             .push(line("foot skating", format!("{:.1} % of frames {made}{skating}", 100.0 * self.foot_skating_before)));
+        let speed = 100.0 * self.foot_speed;
+        lines.push(line("feet near the ground", format!("{speed:.1} cm/s on average")));
+        lines.push(line("bones", format!("at most {:.2} mm off their lengths", self.bone_error_mm)));
         let (mean, max) = (self.reference_mean_mm, self.reference_max_mm);
         lines.push(line("against the f32 reference", format!("mean {mean:.2} mm, largest {max:.2} mm, root-aligned")));
         lines.push(line("root drift against it", format!("{:.2} mm at the end", self.root_drift_mm)));
@@ -302,6 +314,10 @@ pub struct Parts<'p> {
     pub before: &'p Outcome,
     /// The run.
     pub after: &'p Outcome,
+    /// How anchors are met.
+    pub refinement: Refinement,
+    /// The body that moves: offset of each joint from its parent, metres.
+    pub skeleton: Skeleton<'p>,
     /// Agreement with the reference.
     pub agreement: &'p ClipAgreement,
     /// Milliseconds in the reference.
@@ -353,6 +369,9 @@ impl From<&Parts<'_>> for Report {
             jerk_before: metrics::jerk(&before.joints, f64::from(before.frame_rate)),
             foot_skating: metrics::foot_skating(&after.joints, 0.0),
             foot_skating_before: metrics::foot_skating(&before.joints, 0.0),
+            refinement: after.refinement.map(|_| parts.refinement.to_string()),
+            bone_error_mm: 1e3 * metrics::bone_error(&after.joints, parts.skeleton.offsets()),
+            foot_speed: metrics::foot_speed(&after.joints, f64::from(after.frame_rate)),
             du: session::distance(&after.u, &before.u),
             reference_mean_mm: parts.agreement.mean_mm,
             reference_max_mm: parts.agreement.max_mm,

@@ -73,8 +73,6 @@ pub struct Outcome {
     pub plan: Plan,
     /// Bytes from the arena's start to the last one that was touched.
     pub high_water: usize,
-    /// Mean distance of the poses that the model's own joint rotations make from the positions, metres.
-    pub rotation_error: Option<f32>,
     /// Hash over every bit of embeddings and joints.
     pub hash: u64,
 }
@@ -112,7 +110,6 @@ pub fn run(model: &Model<'_>, request: &Request<'_>, report: fn(&Progress)) -> R
             decoding: ended - decoding,
             plan,
             high_water: 0,
-            rotation_error: motion.rotation_error(1),
             hash: motion.hash(),
         }
     };

@@ -10,7 +10,7 @@
 use motionette::generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
 use motionette::numerics::hash::{Fnv, Stream};
 use motionette::refining::{Activity, Basis, Config};
-use motionette::{Anchor, Error, Generator, JOINTS, Request};
+use motionette::{Anchor, Bones, Error, Generator, JOINTS, Request};
 
 /// Requests of a run.
 pub const REQUESTS: usize = 24;
@@ -109,11 +109,11 @@ fn shape(index: usize) -> Shape {
         14 => (Text("a shy person zorbs left", plain), 16, Root(5), published(3, Basis::Quadratic, Activity::Residual)),
         15 => (Recorded, 21, Joint(3), published(3, Basis::Cubic, Activity::Residual)),
         16 => (Text("punches", filtered), 7, Joint(1), Config { feasibility: 1.0, ..fast(5) }),
-        17 => (Text("a person walks and turns to the right", gap), 25, Mixed(8), fast(4)),
-        18 => (Text("an old person walks ahead", plain), 31, Root(4), fast(3)),
+        17 => (Text("a person walks and turns to the right", gap), 25, Mixed(8), Config::exact()),
+        18 => (Text("an old person walks ahead", plain), 31, Mixed(12), Config::exact()),
         19 => (Text("stands and waves with both hands", plain), 36, Joint(6), fast(3)),
         20 => (Text("runs like a child", greedy), 44, PlanarRoot(4), fast(3)),
-        21 => (Text("a proud figure walks", plain), 48, Mixed(7), fast(3)),
+        21 => (Text("a proud figure walks", plain), 48, Mixed(7), fast(2).exactly()),
         22 => (Text("throws kicks", Plan { steps: 10, ..guided }), 5, Mixed(2), fast(20)),
         _ => {
             (Text("a tired person waves the right hand", Plan { steps: 10, ..guided }), 49, Standard, Config::default())
@@ -183,6 +183,13 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
         }),
     };
 
+    let skeleton = larger(generator);
+    let request = request.bones(match index % 8 {
+        2 => Bones::Given(&skeleton),
+        6 => Bones::Decoded,
+        _ => Bones::Model,
+    });
+
     let mut anchors = [Anchor::root(0, [0.0; 3]); MAX_ANCHORS];
     let motion = generator.generate(&request, &mut ())?;
     let count = place_anchors(motion.frames(), &mut random, shape.anchors, &mut anchors);
@@ -204,6 +211,16 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
         u: Fnv::default().f32s(motion.u()).value(),
         joints: Fnv::default().f32s(motion.joints()).value(),
     })
+}
+
+/// A skeleton a fifth larger than the model's, with longer arms.
+fn larger(generator: &Generator<'_>) -> [[f32; 3]; JOINTS] {
+    let mut skeleton = [[0.0; 3]; JOINTS];
+    let shares = [1.2f32; 16].into_iter().chain([1.4; 6]);
+    for (slot, (offset, share)) in skeleton.iter_mut().zip(generator.model().skeleton().offsets().zip(shares)) {
+        *slot = offset.map(|value| value * share);
+    }
+    skeleton
 }
 
 /// The recorded sequence for request `index`, if it takes one.

@@ -15,6 +15,9 @@ pub const NEAR_GROUND: f64 = 0.05;
 /// A standing foot that moves farther than this in a frame slides, metres a frame, horizontally (EQUATIONS section 9).
 pub const SLIDE: f64 = 0.025;
 
+/// Frames on either side of an anchor that count as its surroundings.
+const AROUND: usize = 3;
+
 /// Mean magnitude of the jerk over all joints and frames, m/s^3: the third difference of the positions times `fps^3`.
 ///
 /// `fps` is in 1/s. 0 for fewer than four frames, which have no third difference. The smoothness DESIGN reports beside foot skating.
@@ -26,6 +29,19 @@ pub fn jerk(motion: &[Pose], fps: f64) -> f64 {
     let magnitudes =
         motion.windows(4).flat_map(|w| (0..JOINTS).map(move |j| length([0, 1, 2].map(|c| third(w, j, c)))));
     mean(magnitudes) * fps.powi(3)
+}
+
+/// The same over third differences that lie within three frames of one of `frames`; 0 where there are none.
+pub fn jerk_around(motion: &[Pose], fps: f64, frames: &[usize]) -> f64 {
+    let near = |first: &usize| frames.iter().any(|frame| first + 3 <= frame + AROUND && *frame <= first + AROUND);
+    let windows = (0..motion.len().saturating_sub(3)).filter(near);
+    mean(windows.map(|first| jerk(&motion[first..first + 4], fps)))
+}
+
+/// Speed of the fastest joint, m/s; 0 for fewer than two frames. `fps` in 1/s.
+pub fn top_speed(motion: &[Pose], fps: f64) -> f64 {
+    let steps = motion.windows(2).flat_map(|w| (0..JOINTS).map(move |j| distance(w[0][j], w[1][j])));
+    fps * steps.fold(0.0, f64::max)
 }
 
 /// Share of frames in which a foot skates, 0 to 1 (EQUATIONS section 9).
@@ -40,6 +56,27 @@ pub fn foot_skating(motion: &[Pose], floor: f64) -> f64 {
         near(a) && near(b) && length([b[0] - a[0], 0.0, b[2] - a[2]]) > SLIDE
     };
     mean(motion.windows(2).map(|w| f64::from(u8::from(FEET.iter().any(|&foot| skates(w, foot))))))
+}
+
+/// Mean horizontal speed of the feet ([`FEET`]) while they are near the ground, m/s: over steps that begin and end less than
+/// [`NEAR_GROUND`] above 0, `fps` in 1/s. 0 where no foot comes there.
+pub fn foot_speed(motion: &[Pose], fps: f64) -> f64 {
+    let low = |(a, b): &([f64; 3], [f64; 3])| a[1] < NEAR_GROUND && b[1] < NEAR_GROUND;
+    let steps = FEET
+        .iter()
+        .flat_map(|&foot| motion.windows(2).map(move |w| (w[0][foot].map(f64::from), w[1][foot].map(f64::from))));
+    fps * mean(steps.filter(low).map(|(a, b)| length([b[0] - a[0], 0.0, b[2] - a[2]])))
+}
+
+/// How far the bone that is farthest from its length is from it, over all frames, metres. `skeleton`: offset of each joint from its parent.
+pub fn bone_error(motion: &[Pose], skeleton: impl Iterator<Item = [f32; 3]>) -> f64 {
+    let lengths: Vec<f64> = skeleton.map(|offset| length(offset.map(f64::from))).collect();
+    let off = |pose: &Pose, joint: usize, wanted: f64| {
+        let parent = crate::motion::skeleton::PARENTS[joint];
+        (distance(pose[joint], pose[parent]) - wanted).abs()
+    };
+    let bones = || lengths.iter().copied().enumerate().skip(1).take(JOINTS - 1);
+    motion.iter().flat_map(|pose| bones().map(|(joint, wanted)| off(pose, joint, wanted))).fold(0.0, f64::max)
 }
 
 /// Mean distance of corresponding joints, metres, positions as they are (global MPJPE).
@@ -157,6 +194,44 @@ mod tests {
         rising[0][10] = [0.0, 0.0, 0.0];
         rising[1][10] = [0.0, 0.04, 0.0];
         assert_eq!((foot_skating(&rising, 0.0), foot_skating(&rising[..1], 0.0)), (0.0, 0.0));
+    }
+
+    #[test]
+    fn surroundings_and_speed_by_hand() {
+        // One joint jumps 25 cm in frame 10 and back: third differences around it, none elsewhere.
+        let mut motion = still(30);
+        motion[10][7][1] += 0.25;
+        close(top_speed(&motion, 20.0), 5.0);
+        let all = jerk(&motion, 10.0);
+        // Windows that touch frame 10 begin at 7 to 10; those within three frames of it begin at 7 to 10, too.
+        close(jerk_around(&motion, 10.0, &[10]), 2.0 / 22.0 * 1000.0 / 4.0);
+        close(all, 2.0 / 22.0 * 1000.0 / 27.0);
+        assert_eq!((jerk_around(&motion, 10.0, &[20]), jerk_around(&motion, 10.0, &[])), (0.0, 0.0));
+    }
+
+    #[test]
+    fn feet_near_the_ground_have_a_speed() {
+        // Heights and places of the left foot; the right one stays high.
+        let left = [(0.0, 0.0), (0.0, 0.03), (0.06, 0.5), (0.04, 0.9), (0.04, 1.0)];
+        let mut motion = still(5);
+        for (pose, (y, x)) in motion.iter_mut().zip(left) {
+            pose[10] = [x, y, 0.0];
+        }
+        close(foot_speed(&motion, 20.0), 20.0 * (0.03 + 0.1) / 2.0);
+        assert_eq!((foot_speed(&still(4), 20.0), foot_speed(&[], 20.0)), (0.0, 0.0));
+    }
+
+    #[test]
+    fn the_bone_that_is_farthest_from_its_length_counts() {
+        let mut motion = still(3);
+        let rest = motion[0];
+        let parents = crate::motion::skeleton::PARENTS;
+        let skeleton = || (0..JOINTS).map(|j| std::array::from_fn(|axis| rest[j][axis] - rest[parents[j]][axis]));
+        close(bone_error(&motion, skeleton()), 0.0);
+        // A wrist aside: its bone is along x.
+        motion[1][20][0] += 0.25;
+        motion[2][21][0] -= 0.125;
+        close(bone_error(&motion, skeleton()), 0.25);
     }
 
     #[test]

@@ -184,7 +184,7 @@ pub fn plan(
         share("features and gradient, joints", plan.feature_bytes),
         share("root path and gradient", plan.path_bytes),
         share("token embeddings", plan.embedding_bytes),
-        share("solver, then rotations and edit", plan.solver_bytes.max(plan.rotation_bytes + plan.edit_bytes)),
+        share("solver, or edit", plan.solver_bytes.max(plan.edit_bytes)),
     ];
     // Planning comes first and leaves its place to everything but the tokens.
     let rest: u64 = arena.iter().map(|s| s.amount).sum();

@@ -4,7 +4,7 @@ mod common;
 
 use common::bench::Bench;
 use common::checkpoints::{self, TOKENIZER, tokenizer_metadata};
-use motionette::{Generator, Limits, Plan, ROWS, Request};
+use motionette::{Bones, Generator, Limits, Plan, ROWS, Request};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint;
 use motionette_host::reference::DecodePath;
@@ -43,7 +43,8 @@ fn runtime(bench: &Bench, name: &str) -> Vec<f64> {
     let plan = Plan::for_request(&model, &limits).expect("the limits are legal");
     let mut arena = vec![0u8; plan.arena_bytes + 16];
     let mut generator = Generator::new(model, &mut arena).expect("default floating point");
-    let motion = generator.generate(&Request::tokens(&TOKENS), &mut ()).expect("request is valid");
+    let motion =
+        generator.generate(&Request::tokens(&TOKENS).bones(Bones::Decoded), &mut ()).expect("request is valid");
     motion.joints().iter().map(|&v| f64::from(v)).collect()
 }
 

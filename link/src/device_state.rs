@@ -13,7 +13,6 @@ use heapless::Deque;
 use motionette::Planning;
 use motionette::playback::output::BusStatus;
 use motionette::playback::{self, Control};
-use motionette::refining::Config;
 use motionette::{Model, ROWS};
 
 use crate::message::{
@@ -62,7 +61,7 @@ pub struct Preset {
     pub frames: u16,
     /// Steps of the planner.
     pub steps: u16,
-    /// Decoder evaluations of the refinement.
+    /// Decoder evaluations of a refinement that is asked for by name and needs them.
     pub evaluations: u16,
     /// Rows that pass through a layer at a time, for which the generator's arena MUST have room
     /// ([`Generator::set_rows`](motionette::Generator::set_rows)).
@@ -71,8 +70,7 @@ pub struct Preset {
 
 impl Preset {
     /// Of a desktop: the runtime's own defaults, and lengths as the text suggests.
-    pub const DESKTOP: Preset =
-        Preset { frames: 0, steps: Planning::DEFAULT.steps, evaluations: Config::DEFAULT.evaluations, rows: ROWS };
+    pub const DESKTOP: Preset = Preset { frames: 0, steps: Planning::DEFAULT.steps, evaluations: 20, rows: ROWS };
     /// Of a Raspberry Pi Pico 2, 150 MHz: 4 s of motion, fewer steps; much at a time, since the memory is there and flash is slow.
     pub const PICO2: Preset = Preset { frames: 80, steps: 6, evaluations: 10, rows: 24 };
 
@@ -86,7 +84,7 @@ impl Preset {
             request.steps = self.steps;
         }
         if request.refinement == Refinement::DEVICE {
-            request.refinement = Refinement::FAST;
+            request.refinement = Refinement::EXACT;
         }
         // The edit needs none: 0 of them are as good as meant.
         if request.evaluations == 0 && request.refinement != Refinement::EXACT {

@@ -341,8 +341,11 @@ fn anchors_keep_their_meaning() {
     assert_eq!(request.request(&anchors).refinement, Some(published));
     request.refinement = Refinement::EXACT;
     assert_eq!(request.request(&anchors).refinement, Some(Config::fast(u16::MAX).exactly()));
-    request.refinement = Refinement::DEVICE;
+    request.refinement = Refinement::FAST;
     assert_eq!(request.request(&anchors).refinement, Some(Config::fast(u16::MAX)));
+    request.refinement = Refinement::DEVICE;
+    request.evaluations = 0;
+    assert_eq!(request.request(&anchors).refinement, Some(Config::DEFAULT));
     request.anchors.clear();
     assert!(request.request(&[]).refinement.is_none());
 }

@@ -129,7 +129,7 @@ pub use request::conditions::{
 };
 pub use request::joint::{Joint, NoSuchJoint};
 pub use request::prompt::{Prompt, PromptError, PromptStats};
-pub use request::{Request, Source};
+pub use request::{Bones, Request, Source};
 pub use stop::Stop;
 pub use text::meaning::{Guess, NEAREST, Understood};
 pub use text::words::{MAX_PROMPT, MAX_WORD, Word, Words};

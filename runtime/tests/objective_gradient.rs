@@ -133,7 +133,7 @@ fn errors_are_distances_in_the_controlled_subspace() {
     ];
     assert!(y > 0.0, "height is not zero, so a planar error that counted it would show");
     let set = mock.set(&anchors);
-    let error = Distances::of(&set, |joint, frame| mock.position(joint, frame)).control_error(&set);
+    let error = Distances::of(&set, &|joint, frame| mock.position(joint, frame)).control_error(&set);
     assert!((error.mean - (0.05 + 0.12) / 3.0).abs() < 1e-6, "{error:?}");
     assert!((error.worst - 0.12).abs() < 1e-6);
     assert_eq!(error.worst_anchor, 1);

@@ -52,7 +52,7 @@ fn problem(kind: usize, count: usize, seed: u64) -> (Mock, Vec<f32>, AnchorSet) 
 }
 
 fn distances_of(mock: &Mock, set: &AnchorSet) -> Distances {
-    Distances::of(set, |joint, frame| mock.position(joint, frame))
+    Distances::of(set, &|joint, frame| mock.position(joint, frame))
 }
 
 fn run(mock: &mut Mock, u: &mut [f32], set: &AnchorSet, config: &Config) -> Report {

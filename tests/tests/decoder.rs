@@ -1,7 +1,7 @@
 //! The runtime's decoder, recovery and gradients against an f64 oracle, on small random models.
 
 use motionette::numerics::hash::Stream;
-use motionette::{Error, Generator, Limits, Model, Plan, ROWS, Request};
+use motionette::{Bones, Error, Generator, Limits, Model, Plan, ROWS, Request};
 use motionette_tests::naive;
 use motionette_tests::tiny::{Shape, Tiny};
 
@@ -51,7 +51,7 @@ fn joints_agree_with_the_oracle_for_every_shape_and_length() {
                     }
                 }
             }
-            let (joints, embeddings) = generate(&model, &Request::tokens(&tokens));
+            let (joints, embeddings) = generate(&model, &Request::tokens(&tokens).bones(Bones::Decoded));
             for (got, want) in embeddings.iter().zip(&u) {
                 assert!((f64::from(*got) - want).abs() < 1e-6, "{shape:?}: embedding {got} instead of {want}");
             }

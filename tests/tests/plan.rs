@@ -9,8 +9,8 @@ use motionette::numerics::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, Prior};
 use motionette::representation::humanml3d::POSITION_CHANNELS;
 use motionette::{
-    Anchor, AnchorList, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling,
-    Schedule, Source, StreamLimits, StreamPlan, generation::tokens as planning,
+    Anchor, AnchorList, Bones, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request,
+    Sampling, Schedule, Source, StreamLimits, StreamPlan, generation::tokens as planning,
 };
 use motionette_host::blob::BlobFile;
 use motionette_tests::fuzz;
@@ -198,7 +198,8 @@ impl Seen {
         };
         let anchors = anchors(random, positions * model.frames_per_token());
         let refinement = Some(config(random)).filter(|_| random.below(4) > 0);
-        let request = Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning };
+        let request =
+            Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning, bones: Bones::Model };
 
         let rows = random.below(30) as usize;
         let mut empty = Generator::new(model.clone(), &mut []).expect("default floating point");
@@ -213,13 +214,17 @@ impl Seen {
         assert_eq!(motion.arena_used, plan.arena_bytes, "{name}: {request:?}");
         let conditioned = !anchors.is_empty() && usize::from(motion.unconditioned_anchors()) < anchors.len();
         let (mut evaluations, mut gradients) = (0, 0);
+        let edited = motion.refinement.is_some_and(|report| report.edited.is_some());
         if let Some(report) = motion.refinement {
             (evaluations, gradients) = (u32::from(report.evaluations), u32::from(report.gradients));
             assert!(evaluations < plan.evaluations && gradients <= plan.gradients, "{name}: {report:?}");
             self.refined += 1;
         }
         drop(generator);
-        assert_eq!(memory.high_water(), plan.arena_bytes, "{name}: {request:?}");
+        // A motion of predicted length may be shorter than there is room for: then its edit does not touch all of that.
+        let shorter = matches!((source, planning.length), (Source::Text(_), Length::Predicted)) && edited;
+        let touched = memory.high_water();
+        assert!(touched == plan.arena_bytes || shorter && touched < plan.arena_bytes, "{touched}, {name}: {request:?}");
         assert!(plan.macs_of(evaluations, gradients) <= plan.macs);
         self.note(name, counted, plan.macs_of(evaluations, gradients));
         self.requests += 1;

@@ -6,8 +6,8 @@
 
 use std::path::{Path, PathBuf};
 
-use motionette::Request;
 use motionette::refining::{Basis as RuntimeBasis, Config, PerFamily};
+use motionette::{Bones, Request};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, TokenizerCheckpoint};
 use motionette_host::convert::{self, CardText, Options};
@@ -42,7 +42,7 @@ fn bench() -> Option<Bench> {
     let decoder = blob.dequantised(&checkpoint.decoder).expect("whole");
     let decode_path = DecodePath::new(&TokenizerCheckpoint { decoder, ..checkpoint }).expect("statistics");
     let tokens: Vec<u16> = (0..20 * 3).map(|i| (i * 29 % 64) as u16).collect();
-    let plain = verify::run(&blob, "bench", &Request::tokens(&tokens)).expect("a motion");
+    let plain = verify::run(&blob, "bench", &Request::tokens(&tokens).bones(Bones::Decoded)).expect("a motion");
     let beside = |frame: usize, joint: usize, by: [f64; 3]| -> [f64; 3] {
         let p = plain.joints[frame][joint];
         [0, 1, 2].map(|c| f64::from((f64::from(p[c]) + by[c]) as f32))
@@ -87,7 +87,7 @@ fn objective_is_the_same() {
     let Some(b) = bench() else { return };
     let given: Vec<_> = b.anchors.iter().map(runtime_anchor).collect();
     let request = Request::tokens(&b.tokens).through(&given).refined(config(3, RuntimeBasis::Affine));
-    let bent = verify::run(&b.blob, "bench", &request).expect("a motion");
+    let bent = verify::run(&b.blob, "bench", &request.bones(Bones::Decoded)).expect("a motion");
     let report = bent.refinement.expect("anchors");
     let objective = Objective::new(&b.decode_path, &b.anchors, WEIGHTS, &b.u0);
     let after: Vec<f64> = bent.u.iter().map(|&v| f64::from(v)).collect();
@@ -113,7 +113,7 @@ fn published_method_takes_the_same_steps_in_every_basis() {
         (RuntimeBasis::Plain, Basis::Plain),
     ] {
         let request = Request::tokens(&b.tokens).through(&given).refined(config(8, runtime));
-        let bent = verify::run(&b.blob, "bench", &request).expect("a motion");
+        let bent = verify::run(&b.blob, "bench", &request.bones(Bones::Decoded)).expect("a motion");
         let own = route_solver::solve(&b.decode_path, &b.anchors, &b.u0, &settings(8, reference));
         let moved = length(own.u.iter().zip(&b.u0).map(|(a, b)| a - b));
         let apart = length(own.u.iter().zip(&bent.u).map(|(a, &b)| a - f64::from(b)));
@@ -128,7 +128,7 @@ fn long_runs_reach_the_same_control_error() {
     let Some(b) = bench() else { return };
     let given: Vec<_> = b.anchors.iter().map(runtime_anchor).collect();
     let request = Request::tokens(&b.tokens).through(&given).refined(config(120, RuntimeBasis::Affine));
-    let bent = verify::run(&b.blob, "bench", &request).expect("a motion");
+    let bent = verify::run(&b.blob, "bench", &request.bones(Bones::Decoded)).expect("a motion");
     let own = route_solver::solve(&b.decode_path, &b.anchors, &b.u0, &settings(120, Basis::Affine));
     let reached = anchors::control_error(&b.anchors, &bent.joints);
     eprintln!("before {:.4} m, runtime {reached:.4} m, reference {:.4} m", own.error_before, own.error_after);

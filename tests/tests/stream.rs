@@ -5,7 +5,8 @@ use motionette::codec::Decode;
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
 use motionette::representation::humanml3d::{POSITION_CHANNELS, Path, channels};
-use motionette::representation::{Features, Recover};
+use motionette::representation::rigid::Body;
+use motionette::representation::{Features, Pose, Recover};
 use motionette::{
     Error, Generator, JOINTS, Limits, Model, MotionStream, Observer, Plan, Progress, ROWS, Request, Stop, StreamError,
     StreamLimits, StreamPlan,
@@ -88,7 +89,12 @@ fn whole_of_any_length(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
     assert!(decoder.forward(&u, &all, &mut values, &mut work, &mut || ControlFlow::Continue(())).is_continue());
     let features = Features { values: &values, channels: &all };
     model.recovery().integrate(features, &mut path);
-    model.recovery().joints(&mut values, &path).iter().map(|v| v.to_bits()).collect()
+    let mut offsets = [[0.0; 3]; JOINTS];
+    offsets.iter_mut().zip(model.skeleton().offsets()).for_each(|(slot, offset)| *slot = offset);
+    let body = Body::new(&offsets);
+    let joints = model.recovery().joints(&mut values, &path);
+    let poses: &[Pose] = bytemuck::cast_slice(joints);
+    poses.iter().flat_map(|pose| body.posed(pose).into_iter().flatten()).map(f32::to_bits).collect()
 }
 
 /// Takes all frames that are to be had.

@@ -465,7 +465,7 @@ struct mtn_result mtn_model_open(struct mtn_model *model, const void *blob, size
 // `model` is zeroed storage or one that `mtn_model_open` was called with; `limits` and `plan` are valid.
 struct mtn_result mtn_model_plan(const struct mtn_model *model, const struct mtn_limits *limits, struct mtn_plan *plan);
 
-// A request for nothing yet: ten steps, guidance 2, 20 evaluations, seed 0, the length that the text suggests.
+// A request for nothing yet: ten steps, guidance 2, exact anchors, seed 0, the length that the text suggests.
 struct mtn_request mtn_request_default(void);
 
 // Makes a generator of `model` that works in `arena` and nowhere else.

@@ -73,7 +73,7 @@ pub struct mtn_request {
     pub exact: u16,
 }
 
-/// A request for nothing yet: ten steps, guidance 2, 20 evaluations, seed 0, the length that the text suggests.
+/// A request for nothing yet: ten steps, guidance 2, exact anchors, seed 0, the length that the text suggests.
 #[unsafe(no_mangle)]
 pub extern "C" fn mtn_request_default() -> mtn_request {
     let planning = motionette::Planning::DEFAULT;
@@ -88,9 +88,9 @@ pub extern "C" fn mtn_request_default() -> mtn_request {
         guidance: planning.guidance,
         frames: 0,
         steps: planning.steps,
-        evaluations: Config::default().evaluations,
+        evaluations: Config::DEFAULT.evaluations,
         unconditioned: 0,
-        exact: 0,
+        exact: u16::from(Config::DEFAULT.exact.is_some()),
     }
 }
 

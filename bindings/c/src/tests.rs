@@ -90,6 +90,11 @@ fn text(text: &CStr) -> mtn_request {
     mtn_request { text: text.as_ptr(), steps: 1, frames: 8, ..mtn_request_default() }
 }
 
+/// The same bent through the decoder, 20 evaluations, not edited behind it.
+fn bent(anchors: &[mtn_anchor]) -> mtn_request {
+    mtn_request { evaluations: 20, exact: 0, ..through(anchors) }
+}
+
 fn through(anchors: &[mtn_anchor]) -> mtn_request {
     mtn_request { anchors: anchors.as_ptr(), anchor_count: anchors.len(), ..tokens() }
 }
@@ -266,15 +271,16 @@ fn the_plan_is_what_a_request_takes() {
     let plan = plan_of(limits).unwrap();
     assert_eq!(plan.planning_macs, 0);
     let anchors = [ROOT, WRIST];
-    assert_eq!(Bench::new(plan.arena_bytes).generate(&through(&anchors)).unwrap().arena_used, plan.arena_bytes);
+    assert_eq!(Bench::new(plan.arena_bytes).generate(&bent(&anchors)).unwrap().arena_used, plan.arena_bytes);
     let needed = u32::try_from(plan.arena_bytes).unwrap();
-    let refused = Bench::new(plan.arena_bytes - 16).refused(&through(&anchors));
+    let refused = Bench::new(plan.arena_bytes - 16).refused(&bent(&anchors));
     assert_eq!(refused, result(mtn_error::ArenaTooSmall, 0, needed - 16, needed));
 
     let words = mtn_limits { words: 4, steps: 1, guidance: 2.0, ..limits };
     let plan = plan_of(words).unwrap();
     let request = mtn_request { frames: 32, ..text(c"a person walks forward") };
-    let request = mtn_request { anchors: anchors.as_ptr(), anchor_count: anchors.len(), ..request };
+    let (count, evaluations) = (anchors.len(), 20);
+    let request = mtn_request { anchors: anchors.as_ptr(), anchor_count: count, evaluations, exact: 0, ..request };
     assert_eq!(Bench::new(plan.arena_bytes).generate(&request).unwrap().arena_used, plan.arena_bytes);
     // Edited behind the decoder: less memory, and nothing but the planner's and the last decoding's work.
     let exact = plan_of(mtn_limits { evaluations: 0, exact: 1, ..words }).unwrap();
@@ -353,7 +359,7 @@ fn requests_are_refused_with_their_numbers() {
 fn a_motion_has_the_bits_of_the_rust_library() {
     let mut bench = Bench::new(1 << 18);
     let anchors = [ROOT, WRIST];
-    let motion = bench.generate(&mtn_request { evaluations: 5, ..through(&anchors) }).unwrap();
+    let motion = bench.generate(&mtn_request { evaluations: 5, ..bent(&anchors) }).unwrap();
     let mut hash = 0;
     // SAFETY: the motion is the last one of its generator.
     assert_eq!(unsafe { mtn_motion_hash(&motion, &mut hash) }, FINE);
@@ -448,7 +454,7 @@ fn callbacks_finish_abort_and_cannot_use_the_generator() {
         let mut watched = Watched { generator, answer, calls: 0, measured: 0, inside: FINE };
         let context = ptr::from_mut(&mut watched).cast();
         // SAFETY: everything is valid.
-        let made = unsafe { mtn_generate(generator, &through(&anchors), Some(watch), context, &mut *motion) };
+        let made = unsafe { mtn_generate(generator, &bent(&anchors), Some(watch), context, &mut *motion) };
         assert_eq!(watched.inside, result(mtn_error::Busy, 0, 0, 0));
         (made, watched.calls, motion.evaluations)
     };

@@ -40,9 +40,6 @@ pub struct RobotReport {
     pub servo_control_error_cm: Option<f64>,
     /// The same of the angles that the servos reached.
     pub reached_control_error_cm: Option<f64>,
-    /// Mean distance of the poses that the model's own joint rotations make from its positions, centimetres: servo angles come from
-    /// these rotations only when that is below 0.1; null when the model has none.
-    pub rotation_error_cm: Option<f64>,
     /// Attempts on a bus that failed.
     pub bus_errors: u32,
     /// Ticks in which servos did not get their commands.
@@ -94,7 +91,6 @@ impl RobotReport {
             worst_tracking_deg: run.worst_tracking_deg,
             servo_control_error_cm: error(poses(robot, run, frames, |moment| &moment.commanded)),
             reached_control_error_cm: error(poses(robot, run, frames, |moment| &moment.reached)),
-            rotation_error_cm: stage.rotation_error.map(|metres| 100.0 * f64::from(metres)),
             bus_errors: run.bus_errors,
             failed_ticks: run.failed_ticks,
             limited_ticks: run.limited_ticks,
@@ -137,10 +133,6 @@ impl RobotReport {
         ];
         if let (Some(commanded), Some(reached)) = (self.servo_control_error_cm, self.reached_control_error_cm) {
             lines.push(line("servo control error", format!("{commanded:.2} cm commanded, {reached:.2} cm reached")));
-        }
-        if let Some(error) = self.rotation_error_cm {
-            let way = if error <= 0.1 { "the model's own rotations" } else { "inverse kinematics" };
-            lines.push(line("joint angles", format!("by {way}: its rotations are {error:.1} cm off its positions")));
         }
         if self.faults_injected > 0 {
             let names: Vec<&str> = self.faults.iter().map(|fault| fault.kind.name()).collect();

@@ -29,8 +29,6 @@ pub struct Stage<'s> {
     pub frames: &'s [Pose],
     /// Its anchors.
     pub anchors: &'s [Anchor],
-    /// How far the model's own rotations are off its positions, metres.
-    pub rotation_error: Option<f32>,
     /// What is to go wrong.
     pub faults: &'s [Kind],
     /// Seed of everything that is drawn.

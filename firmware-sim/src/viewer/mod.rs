@@ -132,6 +132,8 @@ pub struct Scene<'s> {
     pub intervals: Vec<Interval>,
     /// The robot that played it.
     pub robot: &'s ShownRobot,
+    /// How anchors were met; nothing where none were.
+    pub refinement: Option<String>,
     /// Control error over decoder evaluations.
     pub curve: Vec<CurvePoint>,
     /// Mean control error of the prompt alone, centimetres, where the planner of the others saw anchors.

@@ -13,6 +13,7 @@ use motionette::{Anchor, Generator, Model, Request};
 use super::{Refinement, say};
 use crate::anchors_file;
 use crate::blob::BlobFile;
+use crate::metrics;
 use crate::motion::Pose;
 
 /// The motion that is asked for. Commands say which of these they need.
@@ -63,7 +64,7 @@ pub(super) struct GenerateArgs {
     /// How anchors are met: off, exact (edited behind the decoder), fast:N (N decoder evaluations), fast:N+exact (both), rs200 (as
     /// published); docs/anchors.md says more.
     #[arg(long, requires = "anchors", default_value = Refinement::DEFAULT)]
-    refinement: Refinement,
+    pub refinement: Refinement,
 }
 
 /// A motion, and how it came about.
@@ -86,6 +87,8 @@ pub(super) struct Made {
     pub unconditioned: Option<(u16, String)>,
     /// What the refinement did.
     pub refinement: Option<Report>,
+    /// How far the bone that is farthest from its length is from it, metres.
+    pub bone_error: f64,
     /// Multiply-accumulates at most, of planning and of all.
     pub macs: [u64; 2],
     /// Bytes.
@@ -156,6 +159,7 @@ impl GenerateArgs {
             tokens: motion.tokens().to_vec(),
             words: [motion.words(), motion.unknown_words()].map(usize::from),
             refinement: motion.refinement,
+            bone_error: metrics::bone_error(motion.frames(), model.skeleton().offsets()),
             macs: [plan.planning_macs, plan.macs],
             arena_used: motion.arena_used,
             hash: motion.hash(),

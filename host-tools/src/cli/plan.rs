@@ -10,6 +10,7 @@ use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use serde_json::Value;
 
 use super::model::grouped;
+use super::refinement::Refinement;
 use super::say;
 use crate::blob::BlobFile;
 use crate::output::write_atomic;
@@ -45,12 +46,9 @@ pub(super) struct Cmd {
     /// from flash once for so many; each takes memory, and the motion is the same.
     #[arg(long, default_value_t = ROWS as u16, value_parser = clap::value_parser!(u16).range(LEAST_ROWS as i64..=MOST_ROWS as i64))]
     rows: u16,
-    /// Decoder evaluations of the solver; else its default.
-    #[arg(long)]
-    evaluations: Option<u16>,
-    /// Plan for RouteSolver as published instead of the fast default.
-    #[arg(long)]
-    published: bool,
+    /// How anchors are met: exact, fast:N, fast:N+exact, rs200 and the like, or off.
+    #[arg(long, default_value = Refinement::DEFAULT, value_name = "NAME")]
+    refinement: Refinement,
     /// Plan for playing the motions on this robot, too: a preset or a file (docs/robot.md).
     #[arg(long, value_name = "NAME|FILE")]
     robot: Option<String>,
@@ -63,16 +61,13 @@ impl Cmd {
     pub(super) fn run(self) -> Result<Value> {
         let robot = self.robot.as_deref().map(robot_file::load).transpose()?;
         let blob = BlobFile::open(&self.blob)?;
-        let mut refinement = if self.published { Config::published(200) } else { Config::default() };
-        if let Some(evaluations) = self.evaluations {
-            refinement.evaluations = evaluations;
-        }
+        let (refinement, anchors) = self.refinement.0.map_or((Config::DEFAULT, 0), |config| (config, self.anchors));
         let guided = self.guidance != 1.0;
         let planning = match self.words.unwrap_or(usize::MAX) {
             0 => None,
             words => Some(PlanningLimits { words, steps: self.steps, guided, anchors: !self.unconditioned }),
         };
-        let report = plan::plan(&blob, self.tokens, self.anchors, refinement, planning, usize::from(self.rows))?;
+        let report = plan::plan(&blob, self.tokens, anchors, refinement, planning, usize::from(self.rows))?;
         say(&format!(
             "{}: {} tokens, {} frames, {} anchors, {} solver evaluations",
             report.model, report.tokens, report.frames, report.anchors, report.solver_evaluations

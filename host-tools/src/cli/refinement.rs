@@ -1,8 +1,9 @@
 //! `--refinement`: how anchors are met, by name.
 
+use std::fmt;
 use std::str::FromStr;
 
-use motionette::refining::{Activity, Basis, Config};
+use motionette::refining::{Activity, Basis, Config, Method};
 
 /// How anchors are met; `None` leaves them to the planner.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -10,7 +11,21 @@ pub struct Refinement(pub Option<Config>);
 
 impl Refinement {
     /// What commands do that are told nothing.
-    pub const DEFAULT: &'static str = "fast:20";
+    pub const DEFAULT: &'static str = "exact";
+}
+
+/// The name by which it is asked for; variants of the published one are `rsN` all of them.
+impl fmt::Display for Refinement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(config) = self.0 else { return f.write_str("off") };
+        let steps = config.evaluations;
+        match (config.method, config.exact) {
+            (Method::Published, _) => write!(f, "rs{}", steps.saturating_sub(1)),
+            (Method::QuasiNewton, None) => write!(f, "fast:{steps}"),
+            (Method::QuasiNewton, Some(_)) if steps == 0 => f.write_str("exact"),
+            (Method::QuasiNewton, Some(_)) => write!(f, "fast:{steps}+exact"),
+        }
+    }
 }
 
 impl FromStr for Refinement {
@@ -88,6 +103,14 @@ mod tests {
         ] {
             assert!(refinement(text).unwrap_err().contains("known are"), "{text}");
         }
+    }
+
+    #[test]
+    fn names_are_what_was_asked_for() {
+        for name in ["off", "exact", "fast:20", "fast:3+exact", "rs200"] {
+            assert_eq!(refinement(name).unwrap().to_string(), name);
+        }
+        assert_eq!(refinement("rs100:slope").unwrap().to_string(), "rs100");
     }
 
     #[test]

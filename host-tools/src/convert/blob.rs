@@ -6,7 +6,7 @@ use motionette::blob::{
     SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextLength, TextTable, TransformerConfig,
 };
 use motionette::numerics::hash::Stream;
-use motionette::{Generator, Limits, Model, Plan, Request};
+use motionette::{Bones, Generator, Limits, Model, Plan, Request};
 
 use super::prior::{QuantisedPart, QuantisedPrior};
 use super::{CardText, Error, MAX_TOKENS, PriorSource};
@@ -16,7 +16,7 @@ use crate::blob::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::prior::{self, NormOrder, SPECIAL, WordRows, WordVectors};
 use crate::checkpoint::words::hash;
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
-use crate::motion::uniform;
+use crate::motion::{quaternion, uniform};
 
 /// Seed of the self-test's tokens.
 const SELF_TEST_SEED: u32 = 1;
@@ -108,7 +108,8 @@ fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
     let plan = Plan::for_request(&model, &limits).map_err(|e| Error::SelfTest(e.into()))?;
     let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(ALIGNMENT)];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(Error::SelfTest)?;
-    Ok(generator.generate(&Request::tokens(&tokens), &mut ()).map_err(Error::SelfTest)?.hash())
+    let decoded = Request::tokens(&tokens).bones(Bones::Decoded);
+    Ok(generator.generate(&decoded, &mut ()).map_err(Error::SelfTest)?.hash())
 }
 
 fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Result<AlignedBlob, Error> {
@@ -149,9 +150,26 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
     Ok(blob::write(&manifest, tensors)?)
 }
 
-/// HumanML3D's body, to which every motion was brought before training, as a manifest holds it.
+/// Where bones of pelvis and chest point at rest, by the joints at their ends: means of the training motions, left and right alike.
+/// HumanML3D has them flat, as no body is: hips level with the pelvis, shoulders 13 cm lower.
+const MEASURED: [(usize, [f64; 3]); 6] = [
+    (1, [0.88, -0.40, 0.0]),
+    (2, [-0.88, -0.40, 0.0]),
+    (3, [0.0, 1.0, 0.0]),
+    (12, [0.0, 1.0, 0.0]),
+    (13, [0.57, 0.79, -0.03]),
+    (14, [-0.57, 0.79, -0.03]),
+];
+
+/// The body that moves, as a manifest holds it: HumanML3D's bones, to whose lengths every motion was brought before training, with pelvis
+/// and chest as they were measured.
 pub(super) fn skeleton_bytes() -> [u8; SKELETON_BYTES] {
-    let mut bytes = uniform::rest_offsets().into_iter().flatten().flat_map(|v| (v as f32).to_le_bytes());
+    let mut offsets = uniform::rest_offsets();
+    for (joint, way) in MEASURED {
+        let bone = quaternion::length(offsets[joint]) / quaternion::length(way);
+        offsets[joint] = quaternion::scale(way, bone);
+    }
+    let mut bytes = offsets.into_iter().flatten().flat_map(|v| (v as f32).to_le_bytes());
     std::array::from_fn(|_| bytes.next().unwrap_or_default())
 }
 

@@ -17,6 +17,7 @@
 //! | [`decode_path`] | latent to joints: decoder, denormalisation, recovery |
 //! | [`anchors`], [`objective`] | control residuals and `J(u)` with its gradient |
 //! | [`interval_basis`], [`route_solver`], [`quasi_newton`] | the solver as published, and a quasi-Newton method in its coefficients |
+//! | [`rigid`] | a body of rigid bones |
 //! | [`motion_space`] | anchors met in the motion itself |
 //! | [`transformer`] | linears, norms, attention, blocks |
 //! | [`text`] | a prompt to words to a memory and a length |
@@ -45,6 +46,7 @@ pub mod quasi_newton;
 pub mod real;
 pub mod recover;
 pub mod resblock;
+pub mod rigid;
 pub mod route_solver;
 pub mod scaffold;
 pub mod text;

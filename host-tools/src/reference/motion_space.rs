@@ -552,7 +552,7 @@ fn fill(offsets: Vec<Vector>, known: &[bool]) -> Vec<Vector> {
 }
 
 /// Middle and end of a limb of two bones whose end is put at `target`, or as near as it reaches.
-fn reach([root, middle, end]: [Vector; 3], target: Vector, pole: Vector) -> (Vector, Vector) {
+pub(super) fn reach([root, middle, end]: [Vector; 3], target: Vector, pole: Vector) -> (Vector, Vector) {
     let (upper, lower) = ((middle - root).norm(), (end - middle).norm());
     let had = (end - root).norm();
     let most = (0.9995 * (upper + lower)).max(had);

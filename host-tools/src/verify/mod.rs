@@ -11,7 +11,7 @@ pub mod solvers;
 use std::collections::HashSet;
 
 use motionette::blob::{TextTable, TransformerConfig};
-use motionette::{Generator, Request, Understood};
+use motionette::{Bones, Generator, Request, Understood};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
@@ -354,7 +354,7 @@ pub fn verify(
     check_same_model(blob, checkpoint)?;
     let decode_path = DecodePath::<f32>::new(checkpoint)?;
     let compared = crate::parallel::map(sequences, |s| -> Result<_, Error> {
-        let motion = run(blob, &s.id, &Request::tokens(&s.tokens))?;
+        let motion = run(blob, &s.id, &Request::tokens(&s.tokens).bones(Bones::Decoded))?;
         let reference = decode_path.forward(&motion.u).joints;
         progress();
         Ok((motion, reference))

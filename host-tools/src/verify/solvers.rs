@@ -1,8 +1,8 @@
 //! The runtime's solver and the reference's own on the same anchors: they differ by method and rounding, so this is reported, not gated.
 
-use motionette::Request;
 use motionette::numerics::hash::Stream;
 use motionette::refining::Config;
+use motionette::{Bones, Request};
 use serde::Serialize;
 
 use crate::agreement::Agreement;
@@ -50,7 +50,7 @@ pub fn compare(
     sequences: &[Sequence],
     count: usize,
 ) -> Result<Report, Error> {
-    let config = Config::default();
+    let config = Config::fast(20);
     let quantizers = blob.model()?.codebooks().quantizers();
     let mut chosen: Vec<&Sequence> = sequences.iter().filter(|s| s.tokens.len() >= 8 * quantizers).collect();
     chosen.truncate(count);
@@ -66,7 +66,7 @@ pub fn compare(
     let mut agreement = Agreement::default();
     let share = CENTIMETRES / chosen.len().max(1) as f64;
     for (seed, sequence) in chosen.iter().enumerate() {
-        let request = Request::tokens(&sequence.tokens);
+        let request = Request::tokens(&sequence.tokens).bones(Bones::Decoded);
         let plain = run(blob, &sequence.id, &request)?;
         let anchors = place(&plain.joints, seed as u64);
         let given = runtime_anchors(&anchors);

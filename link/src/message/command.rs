@@ -2,7 +2,6 @@
 
 use heapless::{String, Vec};
 use motionette::Planning;
-use motionette::refining::Config;
 use serde::{Deserialize, Serialize};
 
 use super::{ANCHORS, Anchor, CHUNK_BYTES, Refinement, TEXT_BYTES};
@@ -86,7 +85,7 @@ pub struct Generate {
     pub guidance: f32,
     /// How it is bent onto its anchors.
     pub refinement: Refinement,
-    /// Decoder evaluations of the refinement; 0: as many as the device prefers.
+    /// Decoder evaluations of the refinement; 0: none before an exact one, as many as the device prefers of the others.
     pub evaluations: u16,
     /// Where the motion must pass.
     pub anchors: Vec<Anchor, ANCHORS>,
@@ -105,7 +104,7 @@ impl Generate {
             steps: Planning::DEFAULT.steps,
             guidance: Planning::DEFAULT.guidance,
             refinement: Refinement::DEVICE,
-            evaluations: Config::default().evaluations,
+            evaluations: 0,
             anchors: Vec::new(),
             play_when_ready: false,
         }

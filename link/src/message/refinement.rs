@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Refinement(pub u8);
 
 impl Refinement {
-    /// The one that the device prefers.
+    /// The one that the device prefers: [`Refinement::EXACT`].
     pub const DEVICE: Refinement = Refinement(0);
     /// None: the planner alone sees the anchors.
     pub const NONE: Refinement = Refinement(1);
@@ -16,7 +16,6 @@ impl Refinement {
     pub const FAST: Refinement = Refinement(2);
     /// RouteSolver as published, [`Config::published`].
     pub const PUBLISHED: Refinement = Refinement(3);
-
     /// Edited in motion space behind so many decoder evaluations, none of which it needs, [`Config::exactly`].
     pub const EXACT: Refinement = Refinement(4);
 
@@ -32,8 +31,8 @@ impl Refinement {
         match self {
             Self::NONE => None,
             Self::PUBLISHED => Some(Config { evaluations, ..Config::published(0) }),
-            Self::EXACT => Some(Config::fast(evaluations).exactly()),
-            _ => Some(Config::fast(evaluations)),
+            Self::FAST => Some(Config::fast(evaluations)),
+            _ => Some(Config::fast(evaluations).exactly()),
         }
     }
 }

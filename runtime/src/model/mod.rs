@@ -25,6 +25,7 @@ use crate::text::Text;
 use crate::text::meaning::{Guess, Understood};
 use crate::text::words::{UNKNOWN, Word};
 pub use families::{CargoFeature, cargo_features};
+pub(crate) use representation::is_bone;
 
 /// A blob whose weights could drive activations beyond this is refused: no infinity is reachable after `open`.
 pub const MAX_MAGNITUDE: f32 = 1e28;

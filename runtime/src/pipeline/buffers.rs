@@ -3,12 +3,10 @@
 use crate::codec::vq::decoder::Workspace;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
-use crate::nn::output::Output;
 use crate::pipeline::plan::Limits;
 use crate::refining;
 use crate::refining::motion_space::{Exact, Scratch};
 use crate::representation::humanml3d::{POSITION_CHANNELS, Path, ROOT_CHANNELS};
-use crate::representation::rotations;
 
 /// Feature channels that the solver may have to decode for so many anchors.
 const fn solver_channels(anchors: usize) -> usize {
@@ -19,11 +17,6 @@ const fn solver_channels(anchors: usize) -> usize {
 const fn feature_columns(limits: &Limits) -> usize {
     let solver = if limits.bends() { 2 * solver_channels(limits.anchors) } else { 0 };
     if solver > POSITION_CHANNELS { solver } else { POSITION_CHANNELS }
-}
-
-/// Numbers of a frame that rotations are computed from: none if the model's last layer has no such channels.
-pub(super) fn rotation_columns(output: &Output<'_>) -> usize {
-    if output.outputs() < rotations::FIRST + rotations::CHANNELS { 0 } else { output.inputs() }
 }
 
 /// Tokens `[L][Q]` of the longest motion inside `limits`; they lie below everything.
@@ -77,7 +70,7 @@ impl<'a> Decoding<'a> {
     }
 }
 
-/// What the edit in motion space works in, behind [`rotation_rows`]; nothing where none is asked for.
+/// What the edit in motion space works in, in the solver's place; nothing where none is asked for.
 pub(crate) fn edit<'a>(
     model: &Model<'_>,
     limits: &Limits,
@@ -97,14 +90,4 @@ pub(crate) fn solver<'a>(
     let &Limits { tokens, anchors, ref refinement, .. } = limits;
     let shape = refining::ProblemShape { tokens, width: model.decoder().code_width(), anchors };
     arena.part(if limits.bends() { refining::scratch_bytes(shape, refinement) } else { 0 })
-}
-
-/// The last layer's quantised input `[T][W]` and its scales `[T]`, which rotations are computed from: in the solver's place.
-pub(crate) fn rotation_rows<'a>(
-    model: &Model<'_>,
-    limits: &Limits,
-    arena: &mut Arena<'a>,
-) -> Result<(&'a mut [i16], &'a mut [f32]), ArenaTooSmall> {
-    let (frames, columns) = (limits.tokens * model.frames_per_token(), rotation_columns(model.decoder().output()));
-    Ok((arena.take(frames * columns)?, arena.take(if columns > 0 { frames } else { 0 })?))
 }

@@ -45,6 +45,11 @@ pub enum Error {
     Planning(PlanningError),
     /// An anchor was refused.
     Anchors(AnchorError),
+    /// A bone of the request's skeleton is not between 1 mm and 3 m long.
+    Bone {
+        /// The joint at its end.
+        joint: u8,
+    },
     /// The refinement failed.
     Solver(SolverError),
     /// The request needs a family that was left out of this firmware: build it with the cargo feature.
@@ -77,6 +82,9 @@ impl core::fmt::Display for Error {
             Error::Prompt(e) => e.fmt(f),
             Error::Planning(e) => e.fmt(f),
             Error::Anchors(e) => e.fmt(f),
+            Error::Bone { joint } => {
+                write!(f, "the bone to joint {joint} of the request's skeleton is not between 0.001 and 3 m long")
+            }
             Error::Solver(e) => e.fmt(f),
             Error::NotLinked { feature } => PlanError::NotLinked { feature }.fmt(f),
             Error::Aborted => write!(f, "the observer aborted the request"),

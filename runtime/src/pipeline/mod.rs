@@ -1,5 +1,6 @@
 //! Runs a request: plans its tokens, embeds them, bends them onto the anchors, decodes the joints.
 
+mod bones;
 pub(crate) mod buffers;
 mod decode_map;
 mod environment;
@@ -7,7 +8,6 @@ mod error;
 mod observer;
 pub mod plan;
 mod plan_tokens;
-mod rotations;
 pub(crate) mod stream;
 #[cfg(test)]
 mod tests;
@@ -27,19 +27,19 @@ use crate::model::Model;
 use crate::numerics::hash::Fnv;
 use crate::pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits};
 use crate::refining::motion_space::{self, Edited};
+use crate::refining::terms::anchors::Distances;
 use crate::refining::{self, Objective, Report, SolverError};
-use crate::representation::humanml3d::{Path, channels};
+use crate::representation::humanml3d::channels;
 use crate::representation::{Features, Recover};
 use crate::request::conditions::AnchorSet;
 use crate::request::prompt::PromptStats;
-use crate::request::{Request, Source};
+use crate::request::{Bones, Request, Source};
 use crate::text::meaning::Understood;
-use buffers::{Decoding, rotation_columns};
+use buffers::Decoding;
 use decode_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
 use plan_tokens::{Planned, PlanningTask, plan_tokens};
-use rotations::Rotations;
 
 /// A finished motion, in the generator's arena.
 #[derive(Debug, Clone, Copy)]
@@ -50,7 +50,6 @@ pub struct Motion<'a> {
     heard: PromptStats,
     unconditioned: u16,
     frame_rate: u16,
-    rotations: Rotations<'a>,
     /// What the refinement did; `None` without one.
     pub refinement: Option<Report>,
     /// Arena bytes that were taken.
@@ -70,32 +69,6 @@ impl<'a> Motion<'a> {
         let frames = bytemuck::try_cast_slice(self.joints);
         invariant!(frames.is_ok(), "{} numbers are no whole frames", self.joints.len());
         frames.unwrap_or(&[])
-    }
-
-    /// The pose of a frame as the model's own joint rotations have it: bones as long as in [`Motion::frames`], turned as the rotations
-    /// say. `None` when the model has none, when the joints were edited behind the decoder, or the motion has no such frame.
-    #[must_use]
-    pub fn rotated(&self, frame: usize) -> Option<[[f32; 3]; JOINTS]> {
-        if self.refinement.is_some_and(|report| report.edited.is_some()) {
-            return None;
-        }
-        self.rotations.pose(frame, self.frames().get(frame)?)
-    }
-
-    /// Mean distance of the joints of [`Motion::rotated`] from [`Motion::frames`], metres, over every `step`-th frame: how far
-    /// rotations and positions disagree. `None` when the model has no rotations.
-    #[must_use]
-    pub fn rotation_error(&self, step: usize) -> Option<f32> {
-        let (mut sum, mut count) = (0.0f32, 0.0f32);
-        for (index, pose) in self.frames().iter().enumerate().step_by(if step > 0 { step } else { 1 }) {
-            let rotated = self.rotated(index)?;
-            for ([ax, ay, az], [bx, by, bz]) in pose.iter().zip(rotated) {
-                let (dx, dy, dz) = (ax - bx, ay - by, az - bz);
-                sum += libm::sqrtf(dx * dx + dy * dy + dz * dz);
-                count += 1.0;
-            }
-        }
-        if count > 0.0 { Some(sum / count) } else { None }
     }
 
     /// Token embeddings `[L][du]` the motion was decoded from.
@@ -192,6 +165,7 @@ impl<'a> Generator<'a> {
     #[inline(never)]
     fn check(&self, request: &Request<'_>, anchors: &mut AnchorSet) -> Result<Limits, Error> {
         let mut limits = self.limits(request)?;
+        bones::check(request.bones)?;
         let frames = limits.tokens * self.model.frames_per_token();
         anchors.fill(request.anchors, self.model.frame_rate(), frames)?;
         if request.refinement.is_some() {
@@ -254,6 +228,11 @@ impl<'a> Generator<'a> {
     fn run(&mut self, request: &Request<'_>, observer: &mut dyn Observer) -> Result<Motion<'_>, Error> {
         let mut anchors = AnchorSet::EMPTY;
         let limits = self.check(request, &mut anchors)?;
+        let scale = bones::scale(&self.model, request.bones);
+        if scale != 1.0 {
+            // Planner and decoder know the model's own body alone.
+            anchors.scale(1.0 / scale);
+        }
         let needed = self.needed(&limits)?;
         let model = &self.model;
         let decoder = model.decoder();
@@ -334,33 +313,31 @@ impl<'a> Generator<'a> {
         let all = channels(u32::MAX);
         let values = part_mut!(features, ..frames * all.count());
         let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
-        let (q, scales) = buffers::rotation_rows(model, &limits, &mut arena).map_err(too_small)?;
-        let columns = rotation_columns(decoder.output());
-        let kept = if columns > 0 { frames } else { 0 };
-        work.keep(part_mut!(q, ..kept * columns), part_mut!(scales, ..kept));
         if decoder.forward(u, &all, values, &mut work, &mut || watch.ask_at_the_end()).is_break() {
             return Err(Error::Aborted);
         }
         let recovery = model.recovery();
         recovery.integrate(Features { values, channels: &all }, &mut path);
         let joints = recovery.joints(values, &path);
-        // As many frames as there are, not as there might have been.
-        let made_of = Limits { tokens: made.tokens, ..limits };
+        bones::pose(model, request.bones, joints);
+        if scale != 1.0 {
+            anchors.fill(request.anchors, model.frame_rate(), limits.tokens * model.frames_per_token())?;
+        }
         if cfg!(feature = "refining")
-            && let Some(edited) = edit(model, &made_of, &anchors, joints, &mut arena, &mut peak).map_err(too_small)?
+            && let Some(edited) =
+                edit(model, (&limits, made.tokens), &anchors, joints, &mut arena, &mut peak).map_err(too_small)?
         {
             let report = Report::of_edit(refinement, edited, limits.refinement.stop_error);
             log::debug!("edited: {}", report);
             refinement = Some(report);
+        } else if let (Some(report), false) = (&mut refinement, request.bones == Bones::Decoded) {
+            report.after = Some(control_error(&anchors, joints));
         }
-        let Path { cos, sin, .. } = path;
-        let rotations =
-            Rotations { output: decoder.output(), rows: work.kept(), mean: model.mean(), std: model.std(), cos, sin };
         let arena_used = if peak > arena.used() { peak } else { arena.used() };
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
         let Planned { heard, .. } = made;
         let frame_rate = model.frame_rate();
-        Ok(Motion { joints, u, tokens, heard, unconditioned, frame_rate, rotations, refinement, arena_used })
+        Ok(Motion { joints, u, tokens, heard, unconditioned, frame_rate, refinement, arena_used })
     }
 
     /// Runs the blob's self-test: decodes its token sequence, as a stream so that it needs less memory than a motion of that length, and
@@ -398,6 +375,7 @@ impl<'a> Generator<'a> {
         };
         let limits = StreamLimits { tokens: usize::from(test.tokens), planning: None, rows: ROWS };
         let mut motion = self.stream(&limits).map_err(request_error)?;
+        motion.set_bones(Bones::Decoded).map_err(request_error)?;
         motion.push(tokens).map_err(request_error)?;
         motion.finish();
         while let Some(frames) = motion.frames(&mut ()).map_err(request_error)? {
@@ -407,19 +385,30 @@ impl<'a> Generator<'a> {
     }
 }
 
-/// Edits the decoded joints until they meet the anchors, where the request asks for it.
+/// How far joints, `[T][22][3]` metres, are from their anchors.
+#[inline(never)]
+fn control_error(anchors: &AnchorSet, joints: &[f32]) -> refining::ControlError {
+    let (points, _) = joints.as_chunks::<3>();
+    let at = |joint: u8, frame: usize| points.get(frame * JOINTS + usize::from(joint)).copied().unwrap_or_default();
+    Distances::of(anchors, &at).control_error(anchors)
+}
+
+/// Edits the joints until they meet the anchors, where the request asks for it.
 #[inline(never)]
 fn edit(
     model: &Model<'_>,
-    limits: &Limits,
+    (limits, made): (&Limits, usize),
     anchors: &AnchorSet,
     joints: &mut [f32],
     arena: &mut Arena<'_>,
     peak: &mut usize,
 ) -> Result<Option<Edited>, ArenaTooSmall> {
+    // As many frames as there are, in the room for as many as there might have been.
+    let used = arena.used() + Arena::measure(|arena| buffers::edit(model, limits, arena));
     let mut overlay = arena.overlay();
-    let Some((exact, mut scratch)) = buffers::edit(model, limits, &mut overlay)? else { return Ok(None) };
-    *peak = if *peak > overlay.used() { *peak } else { overlay.used() };
+    let limits = Limits { tokens: made, ..*limits };
+    let Some((exact, mut scratch)) = buffers::edit(model, &limits, &mut overlay)? else { return Ok(None) };
+    *peak = if *peak > used { *peak } else { used };
     let (points, _) = joints.as_chunks_mut::<3>();
     let (poses, _) = points.as_chunks_mut::<JOINTS>();
     Ok(Some(motion_space::solve(poses, anchors, &exact, model.frame_rate(), &mut scratch)))

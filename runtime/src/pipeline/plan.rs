@@ -39,7 +39,7 @@ pub struct Plan {
     /// Arena bytes in all, from a 16-byte boundary: exactly what [`crate::Generator`] takes.
     ///
     /// Tokens lie below everything. Planning comes first and leaves nothing else behind: decoding and refinement take its
-    /// place, so the larger of the two counts. In the same way what rotations come from takes the solver's place.
+    /// place, so the larger of the two counts. In the same way the edit in motion space takes the solver's place.
     pub arena_bytes: usize,
     /// Of these, bytes of the tokens.
     pub token_bytes: usize,
@@ -57,9 +57,7 @@ pub struct Plan {
     pub embedding_bytes: usize,
     /// Bytes of the solver.
     pub solver_bytes: usize,
-    /// Bytes of what rotations come from, in the place of the solver's.
-    pub rotation_bytes: usize,
-    /// Bytes of the edit in motion space, behind those.
+    /// Bytes of the edit in motion space, in the place of the solver's.
     pub edit_bytes: usize,
     /// Decoder evaluations at most, the final one included.
     pub evaluations: u32,
@@ -91,7 +89,6 @@ impl Plan {
         let decoder = model.decoder();
         let token_bytes = Arena::measure(|arena| buffers::tokens(model, limits, arena));
         let solver_bytes = Arena::measure(|arena| buffers::solver(model, limits, arena));
-        let rotation_bytes = Arena::measure(|arena| buffers::rotation_rows(model, limits, arena));
         let edit_bytes = Arena::measure(|arena| buffers::edit(model, limits, arena));
         let mut arena = Arena::measuring();
         let taken = Decoding::take(model, limits, &mut arena);
@@ -102,8 +99,7 @@ impl Plan {
             planning = modules.bytes(limits.tokens, planned, limits.rows);
             planning_macs = modules.macs(limits.tokens, planned);
         }
-        let edited = rotation_bytes.saturating_add(edit_bytes);
-        let behind = arena.used().saturating_add(if solver_bytes > edited { solver_bytes } else { edited });
+        let behind = arena.used().saturating_add(if solver_bytes > edit_bytes { solver_bytes } else { edit_bytes });
         let most = if planning.all() > behind { planning.all() } else { behind };
         let arena_bytes = token_bytes.saturating_add(most);
         if arena_bytes == usize::MAX {
@@ -122,7 +118,6 @@ impl Plan {
             path_bytes: decoding.path,
             embedding_bytes: decoding.embeddings,
             solver_bytes,
-            rotation_bytes,
             edit_bytes,
             evaluations: steps + 1,
             gradients: steps,

@@ -2,7 +2,7 @@
 
 use super::observer::{Stage, Watch};
 use super::plan_tokens::{PlanningTask, plan_tokens};
-use super::{Error, Generator, Observer, StreamError};
+use super::{Error, Generator, Observer, StreamError, bones};
 use crate::JOINTS;
 use crate::codec::codebook::Codebooks;
 use crate::codec::vq::stream::{self, CHUNK};
@@ -14,8 +14,9 @@ use crate::model::{MAX_TOKENS, Model};
 use crate::pipeline::plan::{StreamLimits, StreamPlan};
 use crate::representation::Features;
 use crate::representation::humanml3d::{POSITION_CHANNELS, Path, Root, channels};
+use crate::representation::rigid::Body;
 use crate::request::prompt::PromptStats;
-use crate::request::{Request, Source};
+use crate::request::{Bones, Request, Source};
 use core::ops::ControlFlow;
 use heapless::Vec;
 
@@ -73,6 +74,8 @@ pub struct MotionStream<'g, 'a> {
     finished: bool,
     /// Of the planner, that pass through a layer at a time.
     rows: usize,
+    /// The body that moves; `None` for joints as they were decoded.
+    body: Option<Body>,
     /// What planning may use while it lasts.
     spare: Arena<'g>,
 }
@@ -191,6 +194,7 @@ impl<'a> Generator<'a> {
             segment: 0,
             finished: false,
             rows: limits.rows,
+            body: bones::body(model, Bones::Model),
             spare: arena,
         })
     }
@@ -200,6 +204,16 @@ impl<'a> Generator<'a> {
 const SEED_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 
 impl MotionStream<'_, '_> {
+    /// Has another body move from the next frame on; best said before the first.
+    ///
+    /// # Errors
+    /// [`Error::Bone`]; the body stays what it was.
+    pub fn set_bones(&mut self, bones: Bones<'_>) -> Result<(), StreamError> {
+        bones::check(bones)?;
+        self.body = bones::body(self.model, bones);
+        Ok(())
+    }
+
     /// Tokens that can be queued now.
     #[must_use]
     pub fn room(&self) -> usize {
@@ -222,8 +236,9 @@ impl MotionStream<'_, '_> {
     /// Moves the origin below the root of the next frame, leaving the axes as they are: far from the origin an f32
     /// resolves less (0.06 mm at 1 km), so a motion that walks for hours should do this now and then. Returns where the
     /// new origin lies in the old frame, `[x, z]`, metres.
-    pub const fn rebase(&mut self) -> [f32; 2] {
-        self.root.rebase()
+    pub fn rebase(&mut self) -> [f32; 2] {
+        let scale = self.body.as_ref().map_or(1.0, Body::scale);
+        self.root.rebase().map(|way| way * scale)
     }
 
     /// Queues tokens, `[n][Q]` for `Q` quantizers. All of them or, with an error, none.
@@ -260,7 +275,8 @@ impl MotionStream<'_, '_> {
     ///   there is room for,
     /// - positions of its fixed tokens count from the segment's beginning,
     /// - segment `k`, counted from 0, draws from the seed plus `k * 0x9E3779B97F4A7C15`, wrapping,
-    /// - it has no anchors.
+    /// - it has no anchors,
+    /// - its body is the stream's ([`MotionStream::set_bones`]).
     ///
     /// With tokens instead of a text it is [`MotionStream::push`].
     ///
@@ -403,6 +419,11 @@ impl MotionStream<'_, '_> {
         let recovery = self.model.recovery();
         recovery.integrate_from(Features { values, channels: &all }, &mut self.root, &mut self.path);
         let joints = recovery.joints(values, &self.path);
+        if let Some(body) = &self.body {
+            let (points, _) = joints.as_chunks_mut::<3>();
+            let (poses, _): (&mut [Frame], _) = points.as_chunks_mut::<JOINTS>();
+            poses.iter_mut().for_each(|pose| *pose = body.posed(pose));
+        }
         let frames = bytemuck::try_cast_slice(joints);
         invariant!(frames.is_ok(), "the joints are no whole frames");
         Ok(Some(frames.unwrap_or(&[])))

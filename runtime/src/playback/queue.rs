@@ -14,11 +14,6 @@ use crate::representation::Pose;
 /// Steps of a degree in which angles are queued.
 const STEPS: f32 = 100.0;
 
-/// Mean distance of rotations from positions, metres, up to which rotations are played: a tenth of what servos resolve at a hand.
-const AGREEMENT: f32 = 1e-3;
-/// Of so many frames one is compared.
-const SAMPLED: usize = 8;
-
 /// What is queued: at most `C` servo angles, or where a motion begins or ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Item<const C: usize> {
@@ -205,20 +200,10 @@ impl<const C: usize> Feeder<'_, C> {
 
     /// Queues a whole motion; the generator is free for the next one afterwards.
     ///
-    /// Segments are turned as the model's own joint rotations say where these agree with the positions, and by inverse kinematics
-    /// from the positions where they do not: anchors are met in positions.
-    ///
     /// # Errors
     /// [`Full`]; nothing was queued then.
     pub fn play(&mut self, motion: &Motion<'_>, when: When) -> Result<(), Full> {
-        self.reserve(motion.frames().len(), motion.frame_rate(), when)?;
-        let by_rotations = motion.rotation_error(SAMPLED).is_some_and(|error| error <= AGREEMENT);
-        let poses = motion.frames().iter().enumerate().map(|(frame, pose)| {
-            let rotated = if by_rotations { motion.rotated(frame) } else { None };
-            rotated.unwrap_or(*pose)
-        });
-        self.queue(poses, motion.frame_rate());
-        Ok(())
+        self.play_frames(motion.frames(), motion.frame_rate(), when)
     }
 
     /// Queues a whole motion given as joint positions, metres.

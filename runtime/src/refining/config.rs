@@ -138,9 +138,9 @@ pub struct Config {
 
 impl Config {
     /// What a request takes that says nothing else.
-    pub const DEFAULT: Self = Self::fast(20);
+    pub const DEFAULT: Self = Self::exact();
 
-    /// The fast default with a budget of decoder evaluations. Chosen on val clips with K = 2, 4, 8 anchors of each family:
+    /// Token embeddings bent by quasi-Newton steps, with a budget of decoder evaluations. Chosen on val clips with K = 2, 4, 8 anchors of each family:
     /// - trust 1e-6: ten times more leaves 3 mm at K = 2, none lets `||u - u0||` grow by a fifth;
     /// - smoothness 0.1 does not show; 3 takes 4 to 10 % off the jerk and costs body points a quarter more error;
     /// - ridge 0 to 1, memory 3 to 8 and other bases move the error by less than a fifth;

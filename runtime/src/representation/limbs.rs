@@ -23,6 +23,7 @@ impl Limb {
     /// The limb with its end at `target`, or as near as its bones reach, in the direction of it. Bones keep their lengths, the middle keeps the
     /// side to which it bends; a straight limb bends towards `pole`.
     #[must_use]
+    #[inline(never)]
     pub fn reaching(&self, target: Vector, pole: Vector) -> Self {
         let Limb { root, middle, end } = *self;
         let (upper, lower) = (length(subtract(middle, root)), length(subtract(end, middle)));
@@ -51,6 +52,7 @@ impl Limb {
 
     /// The limb with its middle at `target`, or as near as its upper bone reaches; its end comes as near to where it was as it can.
     #[must_use]
+    #[inline(never)]
     pub fn bending(&self, target: Vector) -> Self {
         let Limb { root, middle, end } = *self;
         let upper = subtract(middle, root);
@@ -60,6 +62,7 @@ impl Limb {
 }
 
 /// A vector in the direction of `direction`, as long as `bone`; the bone itself where there is no direction.
+#[inline(never)]
 pub fn along(direction: Vector, bone: Vector) -> Vector {
     let length = length(bone);
     scale(unit(direction, unit(bone, [0.0, 1.0, 0.0])), length)
@@ -73,7 +76,7 @@ fn carried(side: Vector, from: Vector, to: Vector) -> Vector {
 }
 
 /// A direction across `to`, of length 1.
-fn perpendicular(to: Vector) -> Vector {
+pub fn perpendicular(to: Vector) -> Vector {
     let [x, ..] = to;
     let other = if x.abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] };
     unit(cross(to, other), [0.0, 0.0, 1.0])

@@ -1,11 +1,10 @@
-//! Body motion: the skeleton, features to joints with the gradient back (EQUATIONS section 1), and what rotations say.
+//! Body motion: the skeleton, features to joints with the gradient back (EQUATIONS section 1), and bodies of rigid bones.
 //!
 //! [`Recover`] is the seam for another representation: refinement works through it.
 
 pub mod humanml3d;
 pub mod limbs;
 pub mod rigid;
-pub mod rotations;
 pub mod skeleton;
 
 use crate::channels::Channels;

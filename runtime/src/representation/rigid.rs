@@ -3,18 +3,23 @@
 //! A decoder's joints are 22 points; their distances change by some millimetres from frame to frame, now and then by far more. A body has
 //! bones: pelvis and chest turn as wholes, with hips and collar bones where the skeleton has them, every other bone points where the
 //! generated one does, and limbs are bent so that wrists and ankles are near where they were generated.
+//!
+//! A skeleton of another size is walked by as much longer or shorter ways as its legs are.
 
 use super::Pose;
-use super::limbs::{Limb, along};
+use super::limbs::{Limb, along, perpendicular};
 use crate::JOINTS;
-use crate::numerics::rotation::Rotation;
 use crate::numerics::vector::{Vector, add, cross, dot, length, scale, subtract, unit};
 
 /// The skeleton's offsets from joint to joint at rest, metres.
 #[derive(Debug, Clone, Copy)]
 pub struct Body {
     offsets: [Vector; JOINTS],
+    scale: f32,
 }
+
+/// Bones of a leg, by the joints at their ends.
+const LEG: [usize; 2] = [4, 7];
 
 /// Three bones that turn together: their ends, left, right and up.
 type Triad = [usize; 3];
@@ -26,77 +31,141 @@ const CHEST: Triad = [13, 14, 12];
 const SPINE: [(usize, usize); 2] = [(3, 6), (6, 9)];
 
 impl Body {
-    /// Of a skeleton's offsets, one a joint; the first is not looked at, those that are missing are zero.
-    pub fn new(offsets: impl Iterator<Item = Vector>) -> Self {
-        let mut body = Body { offsets: [[0.0; 3]; JOINTS] };
-        for (slot, offset) in body.offsets.iter_mut().zip(offsets) {
-            *slot = offset;
-        }
-        body
+    /// Of a skeleton's offsets, one a joint; the first is not looked at.
+    pub const fn new(offsets: &[Vector; JOINTS]) -> Self {
+        Body { offsets: *offsets, scale: 1.0 }
+    }
+
+    /// The same for motions that were generated for `other`: places become as much larger as this one's legs are longer.
+    #[must_use]
+    pub fn in_place_of(self, other: &Body) -> Self {
+        let (own, generated) = (self.leg(), other.leg());
+        Body { scale: if generated > 0.0 { own / generated } else { 1.0 }, ..self }
+    }
+
+    /// How much larger places are than those that were generated.
+    #[must_use]
+    pub const fn scale(&self) -> f32 {
+        self.scale
+    }
+
+    /// Length of both legs, metres.
+    #[inline(never)]
+    fn leg(&self) -> f32 {
+        let bone = |joint| length(self.offset(joint));
+        LEG.iter().fold(0.0, |sum, &left| sum + bone(left) + bone(left + 1))
     }
 
     fn offset(&self, joint: usize) -> Vector {
         self.offsets.get(joint).copied().unwrap_or_default()
     }
 
-    /// The bone to a joint as long as it is, in the direction of `way`.
-    fn bone(&self, joint: usize, way: Vector) -> Vector {
-        along(way, self.offset(joint))
-    }
-
-    /// The pose with this body's bones; its pelvis is where it was.
+    /// The pose with this body's bones; its pelvis is where it was, with [`Body::scale`].
     #[must_use]
+    #[inline(never)]
     pub fn posed(&self, pose: &Pose) -> Pose {
-        let was = |joint: usize| pose.get(joint).copied().unwrap_or_default();
-        let way = |from: usize, to: usize| subtract(was(to), was(from));
-        let mut out = *pose;
-        let mut set = |joint: usize, place: Vector| {
-            if let Some(slot) = out.get_mut(joint) {
-                *slot = place;
-            }
-            place
-        };
-        let pelvis = was(0);
-        let turn = self.turn(PELVIS, was);
-        let [left_hip, right_hip, spine] = PELVIS.map(|joint| set(joint, add(pelvis, turn.apply(self.offset(joint)))));
-        let mut chest = spine;
+        let mut was = *pose;
+        for at in was.as_flattened_mut() {
+            *at *= self.scale;
+        }
+        let mut posing = Posing { body: self, out: was, was };
+        posing.triad(0, PELVIS);
         for (from, to) in SPINE {
-            chest = set(to, add(chest, self.bone(to, way(from, to))));
+            posing.bone(from, to);
         }
-        let turn = self.turn(CHEST, was);
-        let [left_collar, right_collar, neck] =
-            CHEST.map(|joint| set(joint, add(chest, turn.apply(self.offset(joint)))));
-        set(15, add(neck, self.bone(15, way(12, 15))));
-        let sides = [(left_hip, left_collar), (right_hip, right_collar)];
-        for ((hip, collar), right) in sides.into_iter().zip([0, 1]) {
-            let [knee, ankle, toe, at_collar, shoulder, elbow, wrist] =
-                [4, 7, 10, 13, 16, 18, 20].map(|left| left + right);
-            let shoulder_at = set(shoulder, add(collar, self.bone(shoulder, way(at_collar, shoulder))));
-            for (root, [from, middle, end]) in
-                [(hip, [1 + right, knee, ankle]), (shoulder_at, [shoulder, elbow, wrist])]
-            {
-                let bent = add(root, self.bone(middle, way(from, middle)));
-                let limb = Limb { root, middle: bent, end: add(bent, self.bone(end, way(middle, end))) };
-                let limb = limb.reaching(eased(&limb, was(end)), [0.0; 3]);
-                set(middle, limb.middle);
-                let end_at = set(end, limb.end);
-                if end == ankle {
-                    set(toe, add(end_at, self.bone(toe, way(ankle, toe))));
-                }
-            }
-        }
-        out
+        posing.triad(9, CHEST);
+        posing.bone(12, 15);
+        posing.side(0);
+        posing.side(1);
+        posing.out
+    }
+}
+
+/// A pose in the making, from the pelvis outwards.
+struct Posing<'b> {
+    body: &'b Body,
+    /// Where joints were generated.
+    was: Pose,
+    /// Where they come.
+    out: Pose,
+}
+
+impl Posing<'_> {
+    fn was(&self, joint: usize) -> Vector {
+        self.was.get(joint).copied().unwrap_or_default()
     }
 
-    /// The turn of a triad from rest: its left and right lie on the line between them, its up as near as it can then be.
-    fn turn(&self, [left, right, up]: Triad, was: impl Fn(usize) -> Vector) -> Rotation {
-        let base = if up == 3 { 0 } else { 9 };
-        let rest = unit(subtract(self.offset(left), self.offset(right)), [1.0, 0.0, 0.0]);
-        let over = self.offset(up);
-        let aside = unit(subtract(over, scale(rest, dot(rest, over))), cross(rest, [0.0, 0.0, 1.0]));
-        let across = unit(subtract(was(left), was(right)), rest);
-        Rotation::aligning((rest, aside), across, subtract(was(up), was(base)))
+    fn at(&self, joint: usize) -> Vector {
+        self.out.get(joint).copied().unwrap_or_default()
     }
+
+    fn set(&mut self, joint: usize, place: Vector) {
+        if let Some(slot) = self.out.get_mut(joint) {
+            *slot = place;
+        }
+    }
+
+    /// The bone between two joints as it was generated.
+    fn way(&self, from: usize, to: usize) -> Vector {
+        subtract(self.was(to), self.was(from))
+    }
+
+    /// Puts a bone that begins at `start`, as long as it is, in the direction in which it was generated.
+    #[inline(never)]
+    fn behind(&self, start: Vector, from: usize, to: usize) -> Vector {
+        add(start, along(self.way(from, to), self.body.offset(to)))
+    }
+
+    #[inline(never)]
+    fn bone(&mut self, from: usize, to: usize) {
+        self.set(to, self.behind(self.at(from), from, to));
+    }
+
+    /// Turns three bones together from rest: their left and right lie on the line between them, their up as near as it can then be.
+    #[inline(never)]
+    fn triad(&mut self, base: usize, triad: Triad) {
+        let [left, right, up] = triad;
+        let offset = |joint| self.body.offset(joint);
+        let rest = axes(subtract(offset(left), offset(right)), offset(up));
+        let now = axes(self.way(right, left), self.way(base, up));
+        for joint in triad {
+            self.set(joint, add(self.at(base), turned(&rest, &now, self.body.offset(joint))));
+        }
+    }
+
+    /// Arm and leg, of the left side with 0, of the right with 1.
+    #[inline(never)]
+    fn side(&mut self, right: usize) {
+        self.bone(13 + right, 16 + right);
+        self.limb([1 + right, 4 + right, 7 + right]);
+        self.limb([16 + right, 18 + right, 20 + right]);
+        self.bone(7 + right, 10 + right);
+    }
+
+    /// Bends a limb until its end is near to where it was generated.
+    #[inline(never)]
+    fn limb(&mut self, [root, middle, end]: [usize; 3]) {
+        let start = self.at(root);
+        let bent = self.behind(start, root, middle);
+        let limb = Limb { root: start, middle: bent, end: self.behind(bent, middle, end) };
+        let limb = limb.reaching(eased(&limb, self.was(end)), [0.0; 3]);
+        self.set(middle, limb.middle);
+        self.set(end, limb.end);
+    }
+}
+
+/// Three perpendicular directions: the first along `across`, the second as near to `up` as it can then be.
+#[inline(never)]
+fn axes(across: Vector, up: Vector) -> [Vector; 3] {
+    let x = unit(across, [1.0, 0.0, 0.0]);
+    let y = unit(subtract(up, scale(x, dot(x, up))), perpendicular(x));
+    [x, y, cross(x, y)]
+}
+
+/// `bone` by the turn from the axes of rest to those of now.
+#[inline(never)]
+fn turned(rest: &[Vector; 3], now: &[Vector; 3], bone: Vector) -> Vector {
+    rest.iter().zip(now).fold([0.0; 3], |sum, (from, to)| add(sum, scale(*to, dot(*from, bone))))
 }
 
 /// A straight limb has to bend far to become a little shorter, so small differences are left: two fifths of one of this length are made up
@@ -116,6 +185,7 @@ fn eased(limb: &Limb, target: Vector) -> Vector {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numerics::rotation::Rotation;
     use crate::representation::skeleton::PARENTS;
 
     /// A body with hips that slope and shoulders that are wide.
@@ -142,7 +212,7 @@ mod tests {
                 offsets[joint + 1] = [-x, y, z];
             }
         }
-        Body::new(offsets.into_iter())
+        Body::new(&offsets)
     }
 
     /// A pose of that body: every joint turned by its own rotation.
@@ -206,6 +276,20 @@ mod tests {
             near += [7, 8, 20, 21].iter().filter(|end| length(subtract(out[**end], wild[**end])) < 0.06).count();
         }
         assert!(near > 500, "of 600 hands and feet {near} are where they were generated");
+    }
+
+    /// A body one and a half times as large takes larger steps and has the larger bones.
+    #[test]
+    fn a_larger_body_walks_farther() {
+        let body = body();
+        let large = Body::new(&body.offsets.map(|offset| scale(offset, 1.5))).in_place_of(&body);
+        assert!((large.scale() - 1.5).abs() < 1e-6);
+        for seed in 0..20 {
+            let pose = pose(&body, seed);
+            for (a, b) in large.posed(&pose).iter().zip(&pose) {
+                assert!(length(subtract(*a, scale(*b, 1.5))) < 3e-3, "seed {seed}: {a:?} {b:?}");
+            }
+        }
     }
 
     #[test]

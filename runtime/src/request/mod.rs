@@ -6,6 +6,7 @@ pub mod conditions;
 pub mod joint;
 pub mod prompt;
 
+use crate::JOINTS;
 use crate::generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
 use crate::refining::Config;
 use conditions::{AnchorList, AsAnchors};
@@ -22,6 +23,20 @@ pub enum Source<'r> {
     Text(Prompt<'r>),
 }
 
+/// The body that moves.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Bones<'r> {
+    /// The model's skeleton: every bone as long as it is there, in every frame.
+    #[default]
+    Model,
+    /// A skeleton of one's own, a robot's: offset of each joint from its parent at rest `[22]`, metres, in the order and with the parents of
+    /// [`representation::skeleton`](crate::representation::skeleton), y up, the left at +x; the pelvis has none. The motion's ways are as
+    /// much longer or shorter as its legs are, and anchors are in its world.
+    Given(&'r [[f32; 3]; JOINTS]),
+    /// None: joints as they were decoded, whose distances change from frame to frame. For measuring.
+    Decoded,
+}
+
 /// One motion to be made. Quantities are SI; the motion starts at the origin facing +z, anchors are in that frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'r> {
@@ -33,6 +48,8 @@ pub struct Request<'r> {
     pub refinement: Option<Config>,
     /// How tokens are planned; of no account for tokens and embeddings.
     pub planning: Planning<'r>,
+    /// The body that moves.
+    pub bones: Bones<'r>,
 }
 
 impl<'r> Request<'r> {
@@ -44,6 +61,7 @@ impl<'r> Request<'r> {
             anchors: AnchorList::Frames(&[]),
             refinement: None,
             planning: Planning::DEFAULT,
+            bones: Bones::Model,
         }
     }
 
@@ -55,6 +73,7 @@ impl<'r> Request<'r> {
             anchors: AnchorList::Frames(&[]),
             refinement: None,
             planning: Planning::DEFAULT,
+            bones: Bones::Model,
         }
     }
 
@@ -78,6 +97,7 @@ impl<'r> Request<'r> {
             anchors: AnchorList::Frames(&[]),
             refinement: None,
             planning: Planning::DEFAULT,
+            bones: Bones::Model,
         }
     }
 
@@ -152,6 +172,12 @@ impl<'r> Request<'r> {
     #[must_use]
     pub fn through<A: AsAnchors + ?Sized>(self, anchors: &'r A) -> Self {
         self.anchors(anchors).refined(Config::default())
+    }
+
+    /// The same with another body.
+    #[must_use]
+    pub const fn bones(self, bones: Bones<'r>) -> Self {
+        Request { bones, ..self }
     }
 
     /// The same with another refinement.

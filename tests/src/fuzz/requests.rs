@@ -4,8 +4,8 @@
 use motionette::numerics::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
 use motionette::{
-    Anchor, AnchorList, Error, Fixed, Generator, Length, Limits, Model, Observer, Plan, Planning, Progress, Prompt,
-    ROWS, Request, Sampling, Schedule, Source, Stop, Target,
+    Anchor, AnchorList, Bones, Error, Fixed, Generator, JOINTS, Length, Limits, Model, Observer, Plan, Planning,
+    Progress, Prompt, ROWS, Request, Sampling, Schedule, Source, Stop, Target,
 };
 use std::ops::ControlFlow;
 
@@ -70,7 +70,13 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
     let frames = positions.clamp(1, model.max_tokens()) * model.frames_per_token();
     let anchors: Vec<Anchor> = (0..anchor_count(random)).map(|_| anchor(random, frames)).collect();
     let planning = planning(random, &fixed);
-    let request = Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning };
+    let skeleton = skeleton(model, random);
+    let bones = match random.below(6) {
+        0 => Bones::Decoded,
+        1 | 2 => Bones::Given(&skeleton),
+        _ => Bones::Model,
+    };
+    let request = Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning, bones };
 
     // Anything from the least request's need on, exactly what this one needs, a byte less, or plenty from an odd address.
     let rows = random.below(30) as usize;
@@ -100,6 +106,19 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
         Ok(_) => Err("the request changed the next motion".to_owned()),
         Err(error) => Err(format!("the generator is unusable after the request: {error}")),
     }
+}
+
+/// The model's skeleton, larger or smaller, now and then with a bone that no body has.
+pub(super) fn skeleton(model: &Model<'_>, random: &mut Stream) -> [[f32; 3]; JOINTS] {
+    let mut skeleton = [[0.0; 3]; JOINTS];
+    let size = 0.02 + random.below(300) as f32 * 0.01;
+    for (slot, offset) in skeleton.iter_mut().zip(model.skeleton().offsets()) {
+        *slot = offset.map(|value| value * size * (0.5 + random.below(100) as f32 * 0.01));
+    }
+    if random.below(4) == 0 {
+        skeleton[random.below(JOINTS as u32) as usize] = [number(random, 4.0), 0.0, number(random, 4.0)];
+    }
+    skeleton
 }
 
 /// Runs a request and checks what comes back.

@@ -3,8 +3,8 @@
 
 use motionette::numerics::hash::Stream;
 use motionette::{
-    AnchorList, Error, Fixed, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, Stop, StreamError,
-    StreamLimits, StreamPlan, generation::tokens as planning,
+    AnchorList, Bones, Error, Fixed, Frame, Generator, Model, MotionStream, Prompt, ROWS, Request, Source, Stop,
+    StreamError, StreamLimits, StreamPlan, generation::tokens as planning,
 };
 use std::ops::ControlFlow;
 
@@ -53,6 +53,13 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
         }
         Err(e) => return Err(format!("a stream inside its limits was refused: {e}")),
     };
+    let skeleton = requests::skeleton(model, random);
+    let bones = if random.below(3) == 0 { Bones::Given(&skeleton) } else { Bones::Model };
+    match stream.set_bones(bones) {
+        Ok(()) => {}
+        Err(StreamError::Request(Error::Bone { .. })) if bones != Bones::Model => return Ok(()),
+        Err(e) => return Err(format!("a body was refused: {e}")),
+    }
     let mut seen = Seen::default();
     for _ in 0..OPERATIONS {
         operation(model, &mut stream, random, &mut seen, tally)?;
@@ -75,7 +82,7 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
         return Ok(());
     }
     drop(generator);
-    let request = Request::tokens(&seen.tokens);
+    let request = Request::tokens(&seen.tokens).bones(bones);
     let need = requests::need(model, &request, ROWS).ok_or("the stream's tokens cannot be planned")?;
     let mut generator = Generator::new(model.clone(), memory.arena.painted(need)).map_err(|e| e.to_string())?;
     let whole = generator.generate(&request, &mut ()).map_err(|e| e.to_string())?;
@@ -115,7 +122,13 @@ fn operation(
             };
             let anchors = if random.below(8) == 0 { &anchors[..] } else { &[] };
             let planning = requests::planning(random, &fixed);
-            let request = Request { source, anchors: AnchorList::Frames(anchors), refinement: None, planning };
+            let request = Request {
+                source,
+                anchors: AnchorList::Frames(anchors),
+                refinement: None,
+                planning,
+                bones: Bones::Model,
+            };
             let last = random.below(16) == 0;
             let planned =
                 if last { stream.plan_last(&request, &mut stopper) } else { stream.plan(&request, &mut stopper) };

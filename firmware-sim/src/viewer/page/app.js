@@ -155,7 +155,7 @@ function buildFigures() {
     dd.textContent = fact.value;
     $("facts").append(dt, dd);
   }
-  drawChart($("chart"), scene.curve);
+  drawChart($("chart"), scene.curve, scene.refinement);
   drawStages($("stages"), scene.stages);
   if (scene.intervals.length) markInterval = drawIntervals($("intervals"), scene.intervals);
   $("robotname").textContent = scene.robot.name;

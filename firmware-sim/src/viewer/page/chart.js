@@ -24,11 +24,13 @@ function onArrows(chart, along, across, end) {
 
 const centimetres = (v) => (v >= 10 ? v.toFixed(1) : v >= 1 ? v.toFixed(2) : v.toFixed(3));
 
-function drawChart(host, curve) {
+function drawChart(host, curve, refinement) {
   host.replaceChildren();
   if (curve.length < 2) {
     const note = document.createElement("p");
-    note.textContent = "Refinement was off: the motion is decoded as it is.";
+    note.textContent = refinement
+      ? `Refinement ${refinement}: the joints were edited behind the decoder.`
+      : "Refinement was off: the motion is decoded as it is.";
     note.style.color = "var(--dim)";
     host.appendChild(note);
     return;

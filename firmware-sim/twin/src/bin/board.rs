@@ -89,8 +89,7 @@ fn run(cli: &Cli) -> Result<()> {
     let early: Vec<_> =
         anchors.iter().map(|anchor| motionette::Anchor { frame: earlier(anchor.frame), ..*anchor }).collect();
     let request = Request::text(motionette_sim::standard_request::PROMPT).frames(preset.frames).steps(preset.steps);
-    let config = motionette::refining::Config { evaluations: preset.evaluations, ..Default::default() };
-    let request = request.through(&early).refined(config);
+    let request = request.through(&early);
     let plan = Generator::new(model.clone(), &mut [])?.plan(&request)?;
     let instructions = plan.macs as f64 * INSTRUCTIONS_PER_MAC;
     let decoder = plan.macs - plan.planning_macs;
@@ -106,10 +105,7 @@ fn run(cli: &Cli) -> Result<()> {
         Layout::PICO2.length
     ));
     say(&format!("RAM                  {ram} of {RAM} bytes, {} left for the stack", RAM.saturating_sub(ram)));
-    say(&format!(
-        "preset               {motion} s of motion, {} planner steps, {} decoder evaluations",
-        preset.steps, preset.evaluations
-    ));
+    say(&format!("preset               {motion} s of motion, {} planner steps, exact anchors", preset.steps));
     say(&format!(
         "a motion             about {seconds:.1} s at 150 MHz: {:.0} M instructions of {CYCLES} cycles (assumed), {:.0} MB of weights \
          through serial flash",

@@ -78,6 +78,16 @@ pub fn example(counts: &[usize], joints: &[Pose], random: &mut Random) -> Vec<An
     draw(kind, count, joints, &controlled, random)
 }
 
+/// `joints` with a path `factor` times as long, from where it begins; the body stays as it is.
+pub fn scaled(joints: &[Pose], factor: f32) -> Vec<Pose> {
+    let Some(start) = joints.first().map(|pose| pose[0]) else { return Vec::new() };
+    let moved = |pose: &Pose| {
+        let by = [0, 2].map(|axis| (factor - 1.0) * (pose[0][axis] - start[axis]));
+        pose.map(|[x, y, z]| [x + by[0], y, z + by[1]])
+    };
+    joints.iter().map(moved).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -105,5 +115,21 @@ mod tests {
             }
         }
         assert!(!example(&[8], &joints, &mut random).is_empty());
+    }
+
+    #[test]
+    fn a_longer_path_keeps_body_start_and_height() {
+        let joints: Vec<Pose> = (0..5)
+            .map(|t| std::array::from_fn(|j| [1.0 + t as f32, 0.1 * (t + j) as f32, j as f32 - t as f32]))
+            .collect();
+        let longer = scaled(&joints, 1.5);
+        assert_eq!((longer[0], longer[4][0]), (joints[0], [7.0, joints[4][0][1], -6.0]));
+        for (before, after) in joints.iter().zip(&longer) {
+            for (b, a) in before.iter().zip(after) {
+                let offsets = [0, 1, 2].map(|axis| ((a[axis] - after[0][axis]) - (b[axis] - before[0][axis])).abs());
+                assert!(offsets.iter().all(|d| *d < 1e-5) && a[1] == b[1]);
+            }
+        }
+        assert!(scaled(&[], 2.0).is_empty());
     }
 }

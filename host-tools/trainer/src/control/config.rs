@@ -89,7 +89,19 @@ pub struct Config {
     pub support: usize,
     /// What the anchor loss decodes.
     pub decoded: Decoded,
+    /// Share of motions whose anchors are places of another motion, as far away as that went.
+    #[serde(default)]
+    pub foreign: f64,
+    /// Share of motions whose anchors are their own with a longer or shorter path, by a factor from [`SCALES`].
+    #[serde(default)]
+    pub scaled: f64,
+    /// Weight of the tokens of such motions, whose anchors they do not meet, beside 1 of the others.
+    #[serde(default)]
+    pub far_tokens: f32,
 }
+
+/// Factors by which a path is made shorter or longer.
+pub const SCALES: [f32; 2] = [0.5, 1.6];
 
 impl Config {
     /// The configuration of a preset: `nano` is the model that ships, `tiny` is for tests.
@@ -121,6 +133,9 @@ impl Config {
             anchor_loss: 0.3,
             support: 2,
             decoded: Decoded::Expected,
+            foreign: 0.25,
+            scaled: 0.2,
+            far_tokens: 0.2,
         };
         match name {
             "nano" => Ok(nano),
@@ -155,9 +170,19 @@ impl Configuration for Config {
         }
         require((1..=4096).contains(&self.batch), "batch", self.batch, "1 to 4096")?;
         require((0.0..0.9).contains(&self.dropout), "dropout", self.dropout, "0 to 0.9")?;
-        for (field, share) in [("text_dropout", self.text_dropout), ("crops", self.crops), ("joins", self.joins)] {
+        let shares = [
+            ("text_dropout", self.text_dropout),
+            ("crops", self.crops),
+            ("joins", self.joins),
+            ("foreign", self.foreign),
+            ("scaled", self.scaled),
+            ("far_tokens", f64::from(self.far_tokens)),
+        ];
+        for (field, share) in shares {
             require((0.0..=1.0).contains(&share), field, share, "0 to 1")?;
         }
+        let own = 1.0 - self.foreign;
+        require(self.scaled <= own, "scaled", self.scaled, "at most what `foreign` leaves")?;
         let counts = !self.anchors.is_empty() && self.anchors.iter().all(|k| (1..=32).contains(k));
         require(counts, "anchors", format!("{:?}", self.anchors), "numbers from 1 to 32, at least one")?;
         let weight = self.anchor_loss >= 0.0 && self.anchor_loss.is_finite();

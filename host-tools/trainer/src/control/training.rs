@@ -3,6 +3,11 @@
 //!
 //! In the first steps the planner stays out of it: the scaffold encoder learns which tokens anchors alone suggest, `token local(H)` being
 //! their logits. It is then ready to be listened to, and its suggestions lie where the planner's own token embeddings do.
+//!
+//! Some motions are given anchors that they do not meet: places of another motion, or of their own with a longer or shorter path. Of these
+//! the decoded motion is to come near the anchors and the tokens count little. Where the prior is guided in one pass, half of the others
+//! are planned with a strength above 1; their tokens are then to be what two passes of strength 1 make of them, with text and anchors
+//! and without both.
 
 use std::path::Path;
 
@@ -13,7 +18,7 @@ use motionette_host::reference::Anchor;
 use motionette_host::reference::recover::CHANNELS;
 use motionette_host::reference::scaffold::{self, Statistics};
 
-use super::config::{Config, Decoded};
+use super::config::{Config, Decoded, SCALES};
 use super::curves::Point;
 use super::frozen::{Frozen, FrozenNetworks};
 use super::loss::anchor_loss;
@@ -22,10 +27,12 @@ use super::state::{State, layout};
 use super::validation::{self, Report};
 use super::{anchors, checkpoint};
 use crate::harness::{self, Error, Evaluation, Training, Update};
+use crate::prior;
+use crate::prior::captions::UNCONDITIONAL;
 use crate::prior::corpus::{Corpus, Labelled};
 use crate::prior::corruption::Metric;
-use crate::prior::training::{Score, Targets, cross_entropy, values};
-use crate::prior::{self, model};
+use crate::prior::model::{self, Example};
+use crate::prior::training::{Score, Targets, cross_entropy, guide, soft_cross_entropy, strength, values};
 use crate::random::Random;
 use crate::tokenizer::config::{FPS, FRAMES_PER_TOKEN};
 use crate::tokenizer::model::{Masks, Network};
@@ -38,19 +45,35 @@ const ANCHOR_STREAM: u64 = 1 << 42;
 /// What remains of the local context when the planner begins to listen: at full size it would drown the tokens.
 const HANDED_OVER: f32 = 0.25;
 
+/// Share of motions that learn to be guided, of those that meet their anchors.
+const GUIDED: f64 = 0.5;
+/// Motions that do not meet their anchors are corrupted as late as this: what is left of their own tokens says the opposite.
+const FAR_LATEST: f32 = 0.5;
+
 /// A motion with its anchors.
 #[derive(Clone, Debug)]
 pub struct Anchors {
-    /// Joints of the real motion, [`FRAMES_PER_TOKEN`] frames a token.
+    /// Joints of the motion that the anchors are places of, [`FRAMES_PER_TOKEN`] frames a token.
     pub real: Vec<Pose>,
     /// Where it is to pass.
     pub anchors: Vec<Anchor>,
 }
 
+/// What a motion's tokens are to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wanted {
+    /// The clean ones.
+    Clean,
+    /// What two passes say.
+    Guided,
+    /// The clean ones, but the anchors come first.
+    Far,
+}
+
 impl Anchors {
-    /// The scaffold features, `[T][WIDTH]`.
-    pub fn features(&self, statistics: &Statistics) -> Vec<f32> {
-        scaffold::features(&self.anchors, self.real.len(), FPS as f64, statistics)
+    /// The scaffold features of a motion of so many frames, `[frames][WIDTH]`.
+    pub fn features(&self, statistics: &Statistics, frames: usize) -> Vec<f32> {
+        scaffold::features(&self.anchors, frames, FPS as f64, statistics)
     }
 }
 
@@ -143,6 +166,8 @@ pub struct Trainer<'d> {
     shown: prior::config::Config,
     metric: Metric,
     networks: FrozenNetworks,
+    /// The prior without the framework's record of what was computed.
+    teacher: Option<Weights>,
     layout: Layout,
     decayed: Vec<bool>,
     device: Device,
@@ -167,6 +192,7 @@ impl<'d> Trainer<'d> {
         Self {
             metric: Metric::new(&tokenizer.codebook, tokenizer.config.architecture.code_dim, prior.c, prior.a),
             networks: frozen.on(&device),
+            teacher: frozen.prior.sources.guidance.then(|| frozen.on(&Device::flex()).prior),
             shown: frozen.examples(config),
             decayed: layout.decayed(),
             layout,
@@ -174,6 +200,36 @@ impl<'d> Trainer<'d> {
             corpora,
             device,
         }
+    }
+}
+
+impl Trainer<'_> {
+    /// What two passes of strength 1 say of the motions that learn to be guided, `[L, V]` each in their order: one with text and anchors,
+    /// one without both.
+    fn taught(&self, state: &State, examples: &[Example], features: &[Vec<f32>], wanted: &[Wanted]) -> Vec<Vec<f32>> {
+        let Some(prior) = &self.teacher else { return Vec::new() };
+        let guided = || wanted.iter().enumerate().filter(|(_, wanted)| **wanted == Wanted::Guided).map(|(i, _)| i);
+        let with: Vec<Example> = guided().map(|i| Example { strength: 1.0, ..examples[i].clone() }).collect();
+        if with.is_empty() {
+            return Vec::new();
+        }
+        let without: Vec<Example> =
+            with.iter().map(|example| Example { words: vec![UNCONDITIONAL], ..example.clone() }).collect();
+        let features: Vec<Vec<f32>> = guided().map(|i| features[i].clone()).collect();
+        let lengths: Vec<usize> = with.iter().map(|example| example.z.len()).collect();
+        let weights = Weights::new(&self.layout, &state.optimizer.values, false, &Device::flex());
+        let architecture = &self.frozen.prior.config.architecture;
+        let scaffold = Scaffold { features: &features, lengths: &lengths };
+        let own = &state.config.architecture;
+        let mut guest = Anchored::new(own, &architecture.planner, &weights, scaffold, Dropout::off());
+        let logits = model::forward(architecture, prior, &with, &mut guest, Dropout::off()).tokens;
+        let [_, window, codes] = logits.dims();
+        let mut logits = values(&logits);
+        let free = values(&model::forward(architecture, prior, &without, &mut (), Dropout::off()).tokens);
+        let each = window * codes;
+        let pairs = logits.chunks_exact_mut(each).zip(free.chunks_exact(each));
+        pairs.zip(guided()).for_each(|((with, without), i)| guide(with, without, examples[i].strength));
+        logits.chunks_exact(each).map(<[f32]>::to_vec).collect()
     }
 }
 
@@ -192,16 +248,39 @@ impl Training for Trainer<'_> {
         if step == config.alone {
             state.optimizer.scale(&self.layout.named(|name| name.starts_with("control.local.")), HANDED_OVER);
         }
-        let batch = self.corpora.training.batch(&self.shown, &self.metric, step);
+        let mut batch = self.corpora.training.batch(&self.shown, &self.metric, step);
+        let alone = step < config.alone;
         let mut random = Random::new(config.seed, ANCHOR_STREAM + step);
-        let mut anchored = |labelled: &Labelled| {
-            let real = self.corpora.training.joints(labelled);
-            let anchors = anchors::example(&config.anchors, &real, &mut random);
-            Anchors { real, anchors }
-        };
-        let anchors: Vec<Anchors> = batch.iter().map(&mut anchored).collect();
-        let features: Vec<Vec<f32>> = anchors.iter().map(|a| a.features(&state.extra)).collect();
+        let mut wanted = vec![Wanted::Clean; batch.len()];
+        let mut anchors: Vec<Anchors> = Vec::with_capacity(batch.len());
+        for (labelled, wanted) in batch.iter_mut().zip(&mut wanted) {
+            let mut real = self.corpora.training.joints(labelled);
+            if !alone {
+                let draw = random.unit();
+                if draw < config.foreign {
+                    real = self.corpora.training.foreign(real.len(), &mut random);
+                    *wanted = Wanted::Far;
+                } else if draw < config.foreign + config.scaled {
+                    real = anchors::scaled(&real, SCALES[0] + (SCALES[1] - SCALES[0]) * random.unit() as f32);
+                    *wanted = Wanted::Far;
+                } else if self.teacher.is_some() && random.unit() < GUIDED {
+                    *wanted = Wanted::Guided;
+                }
+                if *wanted == Wanted::Far {
+                    labelled.example.t *= FAR_LATEST;
+                    let Labelled { example, clean, .. } = labelled;
+                    example.z = clean.iter().map(|c| self.metric.corrupt(*c, example.t, &mut random)).collect();
+                }
+                if self.teacher.is_some() && *wanted != Wanted::Clean {
+                    labelled.example.strength = strength(&mut random);
+                }
+            }
+            let anchored = anchors::example(&config.anchors, &real, &mut random);
+            anchors.push(Anchors { real, anchors: anchored });
+        }
         let lengths: Vec<usize> = batch.iter().map(|l| l.clean.len()).collect();
+        let features: Vec<Vec<f32>> =
+            anchors.iter().zip(&lengths).map(|(a, n)| a.features(&state.extra, FRAMES_PER_TOKEN * n)).collect();
         let examples: Vec<_> = batch.iter().map(|l| l.example.clone()).collect();
 
         let weights = Weights::new(&self.layout, &state.optimizer.values, true, &self.device);
@@ -210,7 +289,6 @@ impl Training for Trainer<'_> {
         let dropout = Dropout::new(config.dropout, Random::new(config.seed, DROPOUT_STREAM + step));
         let scaffold = Scaffold { features: &features, lengths: &lengths };
         let mut guest = Anchored::new(&config.architecture, &architecture.planner, &weights, scaffold, dropout);
-        let alone = step < config.alone;
         let logits = if alone {
             prior.linear("planner.token", guest.suggested())
         } else {
@@ -218,8 +296,23 @@ impl Training for Trainer<'_> {
         };
 
         let by = Targets::of(&batch).tokens;
+        let [_, window, codes] = logits.dims();
+        let share = 1.0 / by.iter().flatten().count().max(1) as f32;
+        let mut taught = self.taught(state, &examples, &features, &wanted).into_iter();
         let mut gradient = values(&logits);
-        let tokens = cross_entropy(&mut gradient, &by, 1.0 / by.iter().flatten().count().max(1) as f32);
+        let mut tokens = Score::default();
+        for ((rows, by), wanted) in gradient.chunks_exact_mut(window * codes).zip(by.chunks_exact(window)).zip(&wanted)
+        {
+            match wanted {
+                Wanted::Clean => tokens.add(cross_entropy(rows, by, share)),
+                Wanted::Far => drop(cross_entropy(rows, by, config.far_tokens * share)),
+                Wanted::Guided => {
+                    let mut logits = taught.next().unwrap_or_default();
+                    logits.resize(rows.len(), 0.0);
+                    soft_cross_entropy(rows, &logits, by, share);
+                }
+            }
+        }
         let leaf = |values: Vec<f32>, like: &Tensor<3>| {
             Tensor::<3>::from_data(TensorData::new(values, like.dims()), &self.device)
         };
@@ -234,8 +327,8 @@ impl Training for Trainer<'_> {
             let weight = config.anchor_loss / lengths.iter().sum::<usize>().max(1) as f32;
             let y_values = values(&y);
             let rows = y_values.chunks_exact(window).zip(gradient.chunks_exact_mut(window));
-            for ((y, gradient), anchors) in rows.zip(&anchors) {
-                let valid = anchors.real.len() * CHANNELS;
+            for (((y, gradient), anchors), tokens) in rows.zip(&anchors).zip(&lengths) {
+                let valid = FRAMES_PER_TOKEN * tokens * CHANNELS;
                 let recovered = self.frozen.recovered(&y[..valid]);
                 let joints = &recovered.joints;
                 let mut by_joints = vec![[[0.0; 3]; 22]; joints.len()];

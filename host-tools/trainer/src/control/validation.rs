@@ -16,6 +16,7 @@ use crate::prior::corruption::Metric;
 use crate::prior::model;
 use crate::prior::training::{Score, Targets, cross_entropy, values};
 use crate::random::Random;
+use crate::tokenizer::config::FRAMES_PER_TOKEN;
 use crate::transformer::{Dropout, Guest, Weights};
 use motionette_host::reference::recover::CHANNELS;
 
@@ -35,6 +36,12 @@ pub struct Family {
     pub error: Vec<f64>,
     /// The same of the frozen prior, without anchors.
     pub free: Vec<f64>,
+    /// Mean control error at the first of [`TIMES`], metres, with anchors that are places of another motion.
+    #[serde(default)]
+    pub foreign: f64,
+    /// The same of the frozen prior, without anchors.
+    #[serde(default)]
+    pub foreign_free: f64,
 }
 
 /// Figures of the averaged weights on one split.
@@ -54,19 +61,23 @@ pub fn measure(state: &State, frozen: &Frozen, corpus: &Corpus<'_>, metric: &Met
     let FrozenNetworks { prior, decoder, codebook } = frozen.on(&device);
     let weights = Weights::new(&state.layout(frozen), &state.optimizer.average, false, &device);
     let architecture = &frozen.prior.config.architecture;
-    let score = |examples: &[Labelled], kind: Kind, guided: bool| -> (Score, Distance) {
+    let score = |examples: &[Labelled], kind: Kind, foreign: bool, guided: bool| -> (Score, Distance) {
         let (mut tokens, mut distance) = (Score::default(), Distance::default());
         for (index, batch) in examples.chunks(32).enumerate() {
             let mut random = Random::new(state.config.seed, index as u64);
             let mut anchored = |labelled: &Labelled| {
-                let real = corpus.joints(labelled);
+                let mut real = corpus.joints(labelled);
+                if foreign {
+                    real = corpus.foreign(real.len(), &mut random);
+                }
                 let anchors = anchors::draw(kind, COUNT, &real, &EXTREMITIES, &mut random);
                 Anchors { real, anchors }
             };
             let anchors: Vec<Anchors> = batch.iter().map(&mut anchored).collect();
             let lengths: Vec<usize> = batch.iter().map(|l| l.clean.len()).collect();
             let inputs: Vec<_> = batch.iter().map(|l| l.example.clone()).collect();
-            let features: Vec<Vec<f32>> = anchors.iter().map(|a| a.features(&state.extra)).collect();
+            let features: Vec<Vec<f32>> =
+                anchors.iter().zip(&lengths).map(|(a, n)| a.features(&state.extra, FRAMES_PER_TOKEN * n)).collect();
             let scaffold = Scaffold { features: &features, lengths: &lengths };
             let a = &state.config.architecture;
             let mut guest = Anchored::new(a, &architecture.planner, &weights, scaffold, Dropout::off());
@@ -76,8 +87,8 @@ pub fn measure(state: &State, frozen: &Frozen, corpus: &Corpus<'_>, metric: &Met
             let u = embedded(&output.tokens, &codebook, &lengths, Decoded::Straight);
             let y = decode(&decoder, u, &lengths, &device);
             let window = y.dims()[1] * CHANNELS;
-            for (y, Anchors { real, anchors }) in values(&y).chunks_exact(window).zip(&anchors) {
-                let joints = frozen.recovered(&y[..real.len() * CHANNELS]).joints;
+            for ((y, Anchors { anchors, .. }), tokens) in values(&y).chunks_exact(window).zip(&anchors).zip(&lengths) {
+                let joints = frozen.recovered(&y[..FRAMES_PER_TOKEN * tokens * CHANNELS]).joints;
                 let error = anchors.iter().map(|a| a.error(&joints)).sum();
                 distance.add(Distance { loss: 0.0, error, anchors: anchors.len() as f64, motions: 1.0 });
             }
@@ -96,14 +107,16 @@ pub fn measure(state: &State, frozen: &Frozen, corpus: &Corpus<'_>, metric: &Met
     let metres = |distance: &Distance| distance.error / distance.anchors.max(1.0);
     let mut report = Report { motions: examples[0].len(), ..Report::default() };
     for family in FAMILIES {
-        let with: Vec<_> = examples.iter().map(|examples| score(examples, family, true)).collect();
-        let without: Vec<_> = examples.iter().map(|examples| score(examples, family, false)).collect();
+        let with: Vec<_> = examples.iter().map(|examples| score(examples, family, false, true)).collect();
+        let without: Vec<_> = examples.iter().map(|examples| score(examples, family, false, false)).collect();
         report.free = without.iter().map(|(tokens, _)| nats(tokens)).collect();
         report.families.push(Family {
             family,
             loss: with.iter().map(|(tokens, _)| nats(tokens)).collect(),
             error: with.iter().map(|(_, distance)| metres(distance)).collect(),
             free: without.iter().map(|(_, distance)| metres(distance)).collect(),
+            foreign: metres(&score(&examples[0], family, true, true).1),
+            foreign_free: metres(&score(&examples[0], family, true, false).1),
         });
     }
     report
@@ -120,8 +133,9 @@ impl fmt::Display for Report {
             list(&self.free)
         )?;
         for family in &self.families {
-            let Family { family, loss, error, free } = family;
-            write!(f, "; {family:?} {}, control error {} m (free {})", list(loss), list(error), list(free))?;
+            let Family { family, loss, error, free, foreign, foreign_free } = family;
+            write!(f, "; {family:?} {}, control error {} m (free {}), ", list(loss), list(error), list(free))?;
+            write!(f, "foreign {foreign:.3} m (free {foreign_free:.3})")?;
         }
         Ok(())
     }

@@ -78,6 +78,20 @@ impl Yardstick {
             }))
         };
         figures.insert("diversity", figure(&whole, diversity));
+        // Anchors of all motions together, not motions.
+        let errors = |draws: &[usize]| -> Vec<f64> {
+            let of = |i: usize| sample.motions.iter().filter_map(move |motions| motions[i].controlled.as_ref());
+            draws
+                .iter()
+                .flat_map(|i| of(members[*i]).flat_map(|controlled| controlled.errors_cm.iter().copied()))
+                .collect()
+        };
+        if !errors(&whole).is_empty() {
+            let p95 = |draws: &[usize]| percentile(errors(draws), 0.95);
+            figures.insert("control_error_p95_cm", figure(&whole, p95));
+            let largest = errors(&whole).into_iter().fold(0.0, f64::max);
+            figures.insert("control_error_max_cm", Figure { mean: largest, half_width: 0.0 });
+        }
         figures.insert("fid", figure(&whole, fid));
         Row { name, figures }
     }
@@ -142,8 +156,13 @@ impl Yardstick {
             prompts.clone().map(mean_of).collect()
         };
         vec![
-            ("control_error_cm", anchored(&|c| c.error_cm)),
+            ("control_error_cm", anchored(&|c| mean(c.errors_cm.iter().copied()))),
+            ("loosened", anchored(&|c| c.loosened as f64 / c.errors_cm.len().max(1) as f64)),
             ("jerk", anchored(&|c| c.jerk)),
+            ("jerk_at_anchors", anchored(&|c| c.jerk_at_anchors)),
+            ("foot_speed", anchored(&|c| c.foot_speed)),
+            ("speed", anchored(&|c| c.speed)),
+            ("bone_mm", anchored(&|c| c.bone_mm)),
             ("du", anchored(&|c| c.distance)),
             ("evaluations", anchored(&|c| c.evaluations)),
             ("action_accuracy", over_seeds(&|motion, prompt| yes(motion.content == prompt.content))),
@@ -177,6 +196,13 @@ impl Yardstick {
 
 fn figure(whole: &[usize], statistic: impl Fn(&[usize]) -> f64 + Sync) -> Figure {
     Figure { mean: statistic(whole), half_width: half_width(whole.len(), 1, &statistic) }
+}
+
+/// The value that a share of them does not exceed; 0 of nothing.
+fn percentile(mut values: Vec<f64>, share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let last = values.len().saturating_sub(1);
+    values.get((share * last as f64).round() as usize).copied().unwrap_or(0.0)
 }
 
 /// Arithmetic mean; 0 of nothing.

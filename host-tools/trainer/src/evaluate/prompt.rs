@@ -6,6 +6,7 @@ use motionette_host::dataset::{ClipView, Dataset, Label, Split};
 use motionette_host::motion::Pose;
 
 use crate::evaluator::config::MIN_FRAMES;
+use crate::prior::captions::words;
 use crate::tokenizer::config::{FRAMES_PER_TOKEN, MAX_FRAMES};
 
 /// Longest motion of a model, tokens.
@@ -50,8 +51,11 @@ pub fn labelled(dataset: &Dataset, split: Split) -> Vec<(usize, ClipView<'_>)> {
     dataset.iter().enumerate().filter(|(_, clip)| fits(clip)).collect()
 }
 
-/// One prompt for every labelled clip of a split: caption i of clip i, modulo their number, and the clip's own length in tokens, at
-/// most 49.
+/// Words of the longest caption that is asked for, as many as the models of every preset read.
+const MAX_WORDS: usize = 32;
+
+/// One prompt for every labelled clip of a split: caption i of clip i, modulo their number, of those that are not too long to be read, and
+/// the clip's own length in tokens, at most 49.
 pub fn prompts(dataset: &Dataset, split: Split) -> Vec<Prompt> {
     let mut labels: Vec<Option<Label<'_>>> = Vec::new();
     let prompt = |(index, (place, clip)): (usize, (usize, ClipView<'_>))| {
@@ -60,10 +64,13 @@ pub fn prompts(dataset: &Dataset, split: Split) -> Vec<Prompt> {
             labels.push(label);
             labels.len() - 1
         });
-        let captions = &clip.info.captions;
+        let captions = || clip.info.captions.iter().map(|caption| caption.text.as_str());
+        let short: Vec<&str> = captions().filter(|text| words(text).len() <= MAX_WORDS).collect();
+        // A clip has a caption; one that is too long is refused where it is read.
+        let asked = if short.is_empty() { captions().collect() } else { short };
         Prompt {
             clip: place,
-            caption: captions[index % captions.len()].text.clone(),
+            caption: asked[index % asked.len()].to_owned(),
             content: clip.info.action().unwrap_or_default().to_owned(),
             style: clip.info.style().map(str::to_owned),
             label: number,

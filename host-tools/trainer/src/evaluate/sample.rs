@@ -9,13 +9,23 @@ use super::{Error, copies};
 use crate::evaluator::judge::Judge;
 use crate::evaluator::motion;
 
-/// What became of a motion's anchors.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// What became of a motion's anchors, and of the motion for their sake.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Controlled {
-    /// Mean distance from them, centimetres.
-    pub error_cm: f64,
+    /// Distance from each of them, centimetres.
+    pub errors_cm: Vec<f64>,
+    /// Of them those that were loosened, because they ask for too much speed.
+    pub loosened: usize,
     /// Mean magnitude of the jerk over all joints, m/s^3.
     pub jerk: f64,
+    /// The same of the frames around anchors.
+    pub jerk_at_anchors: f64,
+    /// Mean horizontal speed of feet near the ground, m/s.
+    pub foot_speed: f64,
+    /// Speed of the fastest joint, m/s.
+    pub speed: f64,
+    /// How far the bone that is farthest from its length is from it, millimetres.
+    pub bone_mm: f64,
     /// How far refinement moved the token embeddings, `||u - u0||`.
     pub distance: f64,
     /// Decoder evaluations of the refinement.

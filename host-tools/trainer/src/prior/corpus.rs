@@ -262,6 +262,18 @@ impl<'d> Corpus<'d> {
         recover::joints(&labelled.places.iter().flat_map(rows).copied().collect::<Vec<f32>>(), CHANNELS)
     }
 
+    /// Joints of another real motion, at most `frames` of them, fewer only where no motion is as long.
+    pub fn foreign(&self, frames: usize, random: &mut Random) -> Vec<Pose> {
+        let long = |motion: &&Motion| motion.channels.len() >= frames * CHANNELS;
+        let count = self.motions.iter().filter(long).count();
+        let found = match count {
+            0 => self.motions.iter().max_by_key(|motion| motion.channels.len()),
+            _ => self.motions.iter().filter(long).nth(random.below(count)),
+        };
+        let Some(motion) = found else { return Vec::new() };
+        recover::joints(&motion.channels[..motion.channels.len().min(frames * CHANNELS)], CHANNELS)
+    }
+
     /// Appends another motion of the same labels where its tokens go on best; at most [`MAX_TOKENS`] in all.
     fn join(&self, motion: &Motion, pieces: &mut Vec<Piece>, metric: &Metric, random: &mut Random) -> bool {
         let Some(label) = self.dataset.clips[motion.clip].label() else { return false };

@@ -24,6 +24,18 @@ const STRENGTH_STREAM: u64 = 1 << 43;
 /// Guidance is distilled from strength 1 to 4.
 const WEAKEST_TO_STRONGEST: f32 = 3.0;
 
+/// A strength of guidance to learn.
+pub fn strength(random: &mut Random) -> f32 {
+    1.0 + WEAKEST_TO_STRONGEST * random.unit() as f32
+}
+
+/// `with` becomes the logits of two passes guided by `strength`.
+pub fn guide(with: &mut [f32], without: &[f32], strength: f32) {
+    for (with, without) in with.iter_mut().zip(without) {
+        *with = without + strength * (*with - without);
+    }
+}
+
 /// Cross-entropy over some tokens.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Score {
@@ -198,9 +210,7 @@ impl Teacher {
         for ((with, without), example) in
             with.chunks_exact_mut(each.max(1)).zip(without.chunks_exact(each.max(1))).zip(batch)
         {
-            for (with, without) in with.iter_mut().zip(without) {
-                *with = without + example.strength * (*with - without);
-            }
+            guide(with, without, example.strength);
         }
         with
     }
@@ -265,7 +275,7 @@ impl Training for Trainer<'_> {
         let mut examples: Vec<Example> = batch.iter().map(|l| l.example.clone()).collect();
         if self.teacher.is_some() {
             let mut random = Random::new(config.seed, STRENGTH_STREAM + step);
-            examples.iter_mut().for_each(|e| e.strength = 1.0 + WEAKEST_TO_STRONGEST * random.unit() as f32);
+            examples.iter_mut().for_each(|e| e.strength = strength(&mut random));
         }
         let dropout = Dropout::new(config.dropout, Random::new(config.seed, DROPOUT_STREAM + step));
         let output = model::forward(&config.architecture, &weights, &examples, &mut (), dropout);

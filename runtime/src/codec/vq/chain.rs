@@ -13,7 +13,7 @@
 
 use super::decoder::{ChunkShape, Decoder};
 use super::layer::{Direction, Layer, MAX_LAYERS};
-use super::step::{Chunk, Count, Last, Masks, ReluMask, Tail, Wanted, Work};
+use super::step::{Chunk, Count, Masks, ReluMask, Tail, Work};
 use crate::channels::Channels;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::conv1d::accumulators;
@@ -248,12 +248,10 @@ impl Chain<'_> {
         decoder: &Decoder<'_>,
         channels: &Channels,
         gates: &mut ReluMask<'_>,
-        last: &mut Last<'_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop, &mut [f32]> {
         let Chain { way, chunk, tails, counts, sequence, work, rows, layer: begun, ending, .. } = self;
         let mut complete = *ending;
-        let mut wanted = Wanted { channels, last };
         let mut width = match way {
             Direction::Forward => channels.count(),
             Direction::Back => decoder.code_width(),
@@ -279,7 +277,7 @@ impl Chain<'_> {
             let chunk = Chunk { sequence, rows: *rows, zeros };
             // A residual block's hidden rows come behind its input's.
             let masks = Masks { mask: &mut *gates, outer: at, inner: at + (tokens << stage) };
-            *rows = layer.step(*way, tail, chunk, masks, &mut wanted, work);
+            *rows = layer.step(*way, tail, chunk, masks, channels, work);
             *begun += 1;
         }
         self.complete = complete;

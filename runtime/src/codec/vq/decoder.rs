@@ -5,12 +5,12 @@
 //! the layers one bit a value is kept for the gradient where there is a ReLU.
 
 use super::layer::Direction;
-use super::step::{Last, ReluMask};
+use super::step::ReluMask;
 use crate::blob::{DecoderConfig, Error, MAX_BLOCKS, MAX_STAGES, Tensors};
 use crate::channels::Channels;
 use crate::codec::Decode;
 use crate::memory::{Arena, ArenaTooSmall, bytes_of};
-use crate::nn::conv1d::{Conv1d, ConvShape, Rows};
+use crate::nn::conv1d::{Conv1d, ConvShape};
 use crate::nn::linear::{LEAST_ROWS, MOST_ROWS};
 use crate::nn::mask;
 use crate::nn::output::Output;
@@ -61,23 +61,8 @@ pub struct Decoder<'a> {
 pub struct Workspace<'a> {
     portion: ChunkShape,
     gates: &'a mut [u32],
-    last: Last<'a>,
     /// Where passes work.
     spare: Arena<'a>,
-}
-
-impl<'a> Workspace<'a> {
-    /// Has the next passes leave the quantised input of the last layer in `q [T][W]`, with its scales in `scales [T]`.
-    pub const fn keep(&mut self, q: &'a mut [i16], scales: &'a mut [f32]) {
-        self.last = Last { q, scales };
-    }
-
-    /// What the last pass left there.
-    #[must_use]
-    pub fn kept(self) -> Rows<'a> {
-        let Last { q, scales } = self.last;
-        Rows { q, scales }
-    }
 }
 
 impl<'a> Decoder<'a> {
@@ -220,7 +205,6 @@ impl<'a> Decoder<'a> {
         Ok(Workspace {
             portion,
             gates: arena.take(self.gate_words(tokens))?,
-            last: Last::default(),
             spare: arena.part(self.pass_bytes(portion, channels))?,
         })
     }
@@ -263,7 +247,7 @@ impl Decode for Decoder<'_> {
             if chunks.len() == 0 {
                 chain.end();
             }
-            let rows = chain.pass(self, channels, &mut gates, &mut work.last, check)?;
+            let rows = chain.pass(self, channels, &mut gates, check)?;
             for (from, to) in rows.iter().zip(out.by_ref()) {
                 *to = *from;
             }
@@ -298,7 +282,7 @@ impl Decode for Decoder<'_> {
             if first >= frames {
                 chain.end();
             }
-            let rows = chain.pass(self, channels, &mut gates, &mut Last::default(), check)?;
+            let rows = chain.pass(self, channels, &mut gates, check)?;
             for (from, to) in rows.iter().zip(du.by_ref()) {
                 *to = *from;
             }

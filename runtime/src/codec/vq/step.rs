@@ -55,14 +55,6 @@ impl ReluMask<'_> {
         part_mut!(self.bits, first * self.words..(first + count) * self.words)
     }
 }
-
-/// Where the last layer's quantised input goes, `[T][K]` and `[T]`, as far as there is room.
-#[derive(Debug, Default)]
-pub(super) struct Last<'w> {
-    pub q: &'w mut [i16],
-    pub scales: &'w mut [f32],
-}
-
 /// Buffers that a layer uses while it computes. The quantised rows of `scratch` are its window, `[kept + came][K]`.
 #[derive(Debug)]
 pub(super) struct Work<'w> {
@@ -90,12 +82,6 @@ pub(super) struct Masks<'c, 'w> {
     pub inner: usize,
 }
 
-/// What is wanted of the last layer: features of some channels, and its input to keep.
-pub(super) struct Wanted<'c, 'l, 'w> {
-    pub channels: &'c Channels,
-    pub last: &'l mut Last<'w>,
-}
-
 impl Layer<'_, '_> {
     /// Takes the rows of `chunk`, and writes those that have become final in front of its sequence. Returns how many.
     pub(super) fn step(
@@ -104,7 +90,7 @@ impl Layer<'_, '_> {
         tail: Tail<'_>,
         chunk: Chunk<'_>,
         masks: Masks<'_, '_>,
-        wanted: &mut Wanted<'_, '_, '_>,
+        channels: &Channels,
         work: &mut Work<'_>,
     ) -> usize {
         let Chunk { sequence, rows, zeros } = chunk;
@@ -112,7 +98,6 @@ impl Layer<'_, '_> {
             return 0;
         }
         let Masks { mask: gates, outer, inner } = masks;
-        let Wanted { channels, last } = wanted;
         if let (Layer::Upsample(conv), Direction::Back) = (self, way) {
             return downsample(conv, tail, (rows, zeros), sequence, work);
         }
@@ -155,11 +140,6 @@ impl Layer<'_, '_> {
                 conv.quantise_gradient(x, new_q, new_scales, row);
             }
             _ => quantise::rows(x, width, quantise::limit(width), new_q, new_scales),
-        }
-        if let Layer::Output(_) = self {
-            // Nobody may want to keep them.
-            copy(new_q, last.q.get_mut(entered * width..).unwrap_or(&mut []));
-            copy(new_scales, last.scales.get_mut(entered..).unwrap_or(&mut []));
         }
         // As many rows are done with as came, zero rows first.
         let done = came.saturating_sub(lead).min(all);

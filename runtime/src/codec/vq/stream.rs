@@ -4,7 +4,7 @@
 use super::chain::Chain;
 use super::decoder::{ChunkShape, Decoder};
 use super::layer::{Direction, Layer};
-use super::step::{Last, ReluMask};
+use super::step::ReluMask;
 use crate::channels::Channels;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::mask;
@@ -113,6 +113,6 @@ impl Stream<'_> {
         channels: &Channels,
         check: Check<'_>,
     ) -> ControlFlow<Stop, &mut [f32]> {
-        self.chain.pass(decoder, channels, &mut self.gates, &mut Last::default(), check)
+        self.chain.pass(decoder, channels, &mut self.gates, check)
     }
 }

@@ -154,7 +154,7 @@ impl Solver<'_, '_> {
         if self.anchors.is_empty() {
             return edited;
         }
-        let before = Distances::of(self.anchors, |joint, frame| place(self.poses.get(frame), joint));
+        let before = Distances::of(self.anchors, &|joint, frame| place(self.poses.get(frame), joint));
         edited.before = Some(before.control_error(self.anchors));
         let mut distances = self.distances();
         while edited.rounds < MORE_ROUNDS {
@@ -188,7 +188,7 @@ impl Solver<'_, '_> {
 
     /// Distances of the edited motion.
     fn distances(&self) -> Distances {
-        Distances::of(self.anchors, |joint, frame| place(self.pose(frame).as_ref(), joint))
+        Distances::of(self.anchors, &|joint, frame| place(self.pose(frame).as_ref(), joint))
     }
 
     /// What is missing at each anchor, metres; never more than speed allows from the first frame on, and so finite whatever is asked for.

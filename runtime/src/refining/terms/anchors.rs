@@ -22,7 +22,8 @@ impl Distances {
     pub const NONE: Self = Self { squares: 0.0, errors: [0.0; MAX_ANCHORS] };
 
     /// Of the motion that has `position(joint, frame)`.
-    pub fn of(anchors: &AnchorSet, position: impl Fn(u8, usize) -> [f32; 3]) -> Self {
+    #[inline(never)]
+    pub fn of(anchors: &AnchorSet, position: &dyn Fn(u8, usize) -> [f32; 3]) -> Self {
         let mut this = Self::NONE;
         for (anchor, slot) in anchors.iter().zip(&mut this.errors) {
             let squared = squared_length(anchor.residual(position(anchor.joint, anchor.frame as usize)));
@@ -34,6 +35,7 @@ impl Distances {
 
     /// Mean and largest control error over `anchors`.
     #[must_use]
+    #[inline(never)]
     pub fn control_error(&self, anchors: &AnchorSet) -> ControlError {
         let (mut sum, mut count) = (0.0, 0.0);
         let (mut worst, mut worst_anchor) = (0.0, 0);
@@ -69,7 +71,7 @@ impl<'a> AnchorTerm<'a> {
 
     /// The motion of the last forward pass.
     pub fn distances(&self, map: &impl MotionMap) -> Distances {
-        Distances::of(self.anchors, |joint, frame| map.position(joint, frame))
+        Distances::of(self.anchors, &|joint, frame| map.position(joint, frame))
     }
 
     /// `dL_anc/dp = 2 r`, or `2 W r`.

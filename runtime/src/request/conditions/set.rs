@@ -218,6 +218,13 @@ impl AnchorSet {
         anchors.check_length()
     }
 
+    /// Has all places `factor` times as far from the origin.
+    pub(crate) fn scale(&mut self, factor: f32) {
+        for anchor in self.items.iter_mut().take(self.len) {
+            anchor.target = anchor.target.map(|value| value * factor);
+        }
+    }
+
     /// Insertion in order; the caller has made sure that there is room.
     fn insert(&mut self, new: Observed) {
         let mut carried = new;

@@ -4,8 +4,8 @@ use core::{hint::black_box, ops::ControlFlow};
 
 use motionette::ROWS;
 use motionette::{
-    Anchor, AnchorList, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, PlanningLimits, Progress,
-    Prompt, Request, Sampling, Source, Stop, StreamError, StreamLimits, StreamPlan, refining::Config,
+    Anchor, AnchorList, Bones, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, PlanningLimits,
+    Progress, Prompt, Request, Sampling, Source, Stop, StreamError, StreamLimits, StreamPlan, refining::Config,
 };
 
 /// An observer whose answer the optimiser cannot know.
@@ -67,7 +67,13 @@ pub fn serve(
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
-        let request = Request { source, anchors: list, refinement: black_box(Some(refinement)), planning };
+        let request = Request {
+            source,
+            anchors: list,
+            refinement: black_box(Some(refinement)),
+            planning,
+            bones: black_box(Bones::Model),
+        };
         black_box(generator.plan(&request).map_err(Refused::Request)?);
         let motion = generator.generate(&request, &mut Watch(ControlFlow::Continue(()))).map_err(Refused::Request)?;
         black_box((motion.frames(), motion.tokens(), motion.words(), motion.unknown_words()));
@@ -81,7 +87,7 @@ pub fn serve(
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
-        let request = black_box(Request { source, anchors: list, refinement: None, planning });
+        let request = black_box(Request { source, anchors: list, refinement: None, planning, bones: Bones::Model });
         hash ^= stream(&mut generator, &limits, &request)?;
     }
     Ok(hash)
@@ -91,6 +97,7 @@ pub fn serve(
 #[inline(never)]
 fn stream(generator: &mut Generator<'_>, limits: &StreamLimits, request: &Request<'_>) -> Result<u64, Refused> {
     let mut stream = generator.stream(limits).map_err(Refused::Stream)?;
+    stream.set_bones(black_box(Bones::Model)).map_err(Refused::Stream)?;
     let mut frames = 0;
     for last in black_box([false, true]) {
         black_box((stream.room(), stream.frames_ahead(), stream.rebase()));

@@ -6,14 +6,16 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use motionette::Request;
 use motionette::refining::Config;
+use motionette::{Bones, Request};
 use motionette_host::blob::BlobFile;
+use motionette_host::motion::Pose;
+use motionette_host::reference::Anchor;
 use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::{metrics, parallel, verify};
 use serde::{Deserialize, Serialize};
 
-use super::problem::Problem;
+use super::problem::{Problem, Targets};
 use crate::control::sampling::Planner;
 use crate::evaluate::figures::{Row, Yardstick};
 use crate::evaluate::generators::Options;
@@ -32,6 +34,9 @@ pub enum Origin {
     /// A planner on the trainer's networks, by its place in [`Bench::planners`].
     Network(usize),
 }
+
+/// Which anchors, of whose motion.
+pub type Task = (Problem, Targets);
 
 /// A way to make motions.
 #[derive(Clone, Debug)]
@@ -63,8 +68,8 @@ pub struct Bench<'a> {
     pub judge: &'a Judge,
     /// Prompts, sentences and real motion as embeddings.
     pub yardstick: Yardstick,
-    /// `[prompt]` the real motions, as long as the prompts say.
-    pub real: Vec<Motion>,
+    /// `[prompt]` joints of the real motions with the model's bones, as long as the prompts say: where anchors are taken from.
+    pub real: Vec<Vec<Pose>>,
     /// The model.
     pub blob: &'a BlobFile,
     /// Names the model and the prompts in keys.
@@ -113,33 +118,41 @@ impl Store {
 }
 
 impl Bench<'_> {
-    fn key(&self, way: &Way, problem: Problem, seed: u64) -> String {
+    /// Anchors of a prompt.
+    pub fn anchors(&self, (problem, targets): Task, place: usize, seed: u64) -> Vec<Anchor> {
+        let of = targets.of(&self.yardstick.prompts, place, seed);
+        let frames = self.real[place].len().min(self.real[of].len());
+        problem.anchors(&self.real[of][..frames], place, seed)
+    }
+
+    fn key(&self, way: &Way, (problem, targets): Task, seed: u64) -> String {
         let origin = match way.origin {
             Origin::Prior => "prior".to_owned(),
             Origin::Controlled => "controlled".to_owned(),
             Origin::Network(index) => self.planners[index].0.clone(),
         };
         let refinement = way.refinement.map_or_else(String::new, |config| format!("{config:?}"));
-        format!("{} {origin} {} {} {seed} {refinement}", self.identity, problem.family(), problem.count())
+        let (family, targets) = (problem.family(), targets.name());
+        format!("{} {origin} {family} {} {targets} {seed} {refinement}", self.identity, problem.count())
     }
 
     /// A group, from disk or made now.
     ///
     /// # Errors
     /// What generator, solver or judge refuse, and a store that cannot be written.
-    pub fn group(&mut self, way: &Way, problem: Problem, seed: u64) -> Result<Group> {
-        let key = self.key(way, problem, seed);
+    pub fn group(&mut self, way: &Way, task: Task, seed: u64) -> Result<Group> {
+        let key = self.key(way, task, seed);
         if let Some(group) = self.store.groups.get(&key) {
             return Ok(group.clone());
         }
         let start = Instant::now();
         let unrefined = Way { refinement: None, ..way.clone() };
         let tokens = match way.refinement {
-            Some(_) => Some(self.group(&unrefined, problem, seed)?.tokens),
+            Some(_) => Some(self.group(&unrefined, task, seed)?.tokens),
             None => None,
         };
         let places: Vec<usize> = (0..self.real.len()).collect();
-        let made = parallel::map(&places, |&i| self.make(way, problem, seed, i, tokens.as_ref().map(|t| &t[i][..])));
+        let made = parallel::map(&places, |&i| self.make(way, task, seed, i, tokens.as_ref().map(|t| &t[i][..])));
         let made = made.into_iter().collect::<Result<Vec<(Motion, Controlled)>>>()?;
         let (motions, controlled): (Vec<Motion>, Vec<Controlled>) = made.into_iter().unzip();
         let mut judged = judged(self.judge, &self.yardstick.prompts, &motions, &[])?;
@@ -156,13 +169,13 @@ impl Bench<'_> {
     fn make(
         &self,
         way: &Way,
-        problem: Problem,
+        task: Task,
         seed: u64,
         place: usize,
         tokens: Option<&[u16]>,
     ) -> Result<(Motion, Controlled)> {
         let prompt = &self.yardstick.prompts[place];
-        let known = problem.anchors(&self.real[place].joints, place, seed);
+        let known = self.anchors(task, place, seed);
         let anchors = known.iter().map(runtime_anchor).collect::<Vec<_>>();
         let planned;
         let request = match (tokens, way.origin) {
@@ -179,12 +192,25 @@ impl Bench<'_> {
             }
         };
         let request = Request { refinement: way.refinement, ..request.anchors(&anchors) };
+        // What bends tokens is measured as it is published, where it works: on what is decoded.
+        let bends = way.refinement.is_some_and(|config| config.exact.is_none());
+        let request = request.bones(if bends { Bones::Decoded } else { Bones::Model });
         let request = if way.origin == Origin::Prior { request.unconditioned() } else { request };
         let motion = verify::run(self.blob, &prompt.caption, &request)?;
-        let error = metrics::control_error(&motion.joints, &anchors).context("anchors lie within the motion")?;
+        let error =
+            |anchor: &motionette::Anchor| metrics::anchor_error(&motion.joints, anchor).map(|error| 100.0 * error);
+        let errors_cm: Option<Vec<f64>> = anchors.iter().map(error).collect();
+        let frames: Vec<usize> = known.iter().map(|anchor| anchor.frame).collect();
+        let (joints, fps) = (&motion.joints, FPS as f64);
+        let edited = motion.refinement.and_then(|report| report.edited);
         let controlled = Controlled {
-            error_cm: 100.0 * error,
-            jerk: metrics::jerk(&motion.joints, FPS as f64),
+            errors_cm: errors_cm.context("anchors lie within the motion")?,
+            loosened: edited.map_or(0, |edited| edited.loosened.into()),
+            jerk: metrics::jerk(joints, fps),
+            jerk_at_anchors: metrics::jerk_around(joints, fps, &frames),
+            foot_speed: metrics::foot_speed(joints, fps),
+            speed: metrics::top_speed(joints, fps),
+            bone_mm: 1e3 * metrics::bone_error(joints, self.blob.model()?.skeleton().offsets()),
             distance: motion.refinement.map_or(0.0, |report| f64::from(report.distance)),
             evaluations: motion.refinement.map_or(0.0, |report| f64::from(report.evaluations)),
         };
@@ -195,11 +221,11 @@ impl Bench<'_> {
     ///
     /// # Errors
     /// Those of [`Bench::group`].
-    pub fn row(&mut self, way: &Way, problems: &[Problem], seeds: u64) -> Result<Row> {
+    pub fn row(&mut self, way: &Way, tasks: &[Task], seeds: u64) -> Result<Row> {
         let mut motions = Vec::new();
-        for problem in problems {
+        for task in tasks {
             for seed in 0..seeds {
-                motions.push(self.group(way, *problem, seed)?.judged);
+                motions.push(self.group(way, *task, seed)?.judged);
             }
         }
         let whole: Vec<usize> = (0..self.real.len()).collect();

@@ -1,4 +1,4 @@
-//! A table of anchor control as Markdown, SVG and JSON.
+//! A table of anchor control as Markdown and JSON.
 
 use std::path::Path;
 
@@ -6,17 +6,23 @@ use motionette_host::output::{self, write_atomic};
 use serde_json::{Map, Value, json};
 
 use super::tables::Entry;
-use crate::chart;
 use crate::evaluate::report::Facts;
 
 /// Figures in the order of the columns, with their heads; arrows say which way is better.
-const COLUMNS: [(&str, &str); 13] = [
+const COLUMNS: [(&str, &str); 20] = [
     ("control_error_cm", "control error, cm ↓"),
+    ("control_error_p95_cm", "p95"),
+    ("control_error_max_cm", "max"),
+    ("loosened", "anchors beyond speed"),
     ("fid", "FID ↓"),
     ("top3", "top-3 ↑"),
     ("action_accuracy", "action ↑"),
     ("foot_skating", "foot skating ↓"),
+    ("foot_speed", "feet near the ground, m/s"),
     ("jerk", "jerk, m/s³"),
+    ("jerk_at_anchors", "jerk at anchors"),
+    ("speed", "fastest joint, m/s"),
+    ("bone_mm", "bones off, mm ↓"),
     ("du", "‖u - u0‖"),
     ("diversity", "diversity →"),
     ("evaluations", "decoder evaluations"),
@@ -41,13 +47,14 @@ pub struct Page<'a> {
 }
 
 impl Page<'_> {
-    /// `{"table", "rows", ...}`; each row `{"name", "family", "k", metric: mean, metric_ci: half width}`, without `k` the mean over
-    /// numbers of anchors.
+    /// `{"table", "rows", ...}`; each row `{"name", "family", "anchors", "k", metric: mean, metric_ci: half width}`, without `k` the mean over
+    /// numbers of anchors; `anchors` are `own` or `foreign`.
     pub fn json(&self) -> Value {
         let row = |entry: &Entry| {
             let mut object = Map::new();
             object.insert("name".into(), json!(entry.row.name));
             object.insert("family".into(), json!(entry.family));
+            object.insert("anchors".into(), json!(entry.targets));
             if let Some(k) = entry.k {
                 object.insert("k".into(), json!(k));
             }
@@ -75,12 +82,13 @@ impl Page<'_> {
     /// The page for people: a table for each family, means over numbers of anchors first, then each number.
     pub fn markdown(&self) -> String {
         let mut text = format!("# {}\n\nMade by `{}`. {}\n", self.title, self.facts.command, self.notes);
-        let families: Vec<&str> = distinct(self.entries.iter().map(|entry| entry.family));
-        for family in &families {
+        for (family, targets) in distinct(self.entries.iter().map(|entry| (entry.family, entry.targets))) {
             for means in [true, false] {
-                let of = |entry: &&Entry| entry.family == *family && entry.k.is_none() == means;
+                let of =
+                    |entry: &&Entry| (entry.family, entry.targets) == (family, targets) && entry.k.is_none() == means;
                 let entries: Vec<&Entry> = self.entries.iter().filter(of).collect();
                 let ks = distinct(entries.iter().filter_map(|entry| entry.k));
+                let family = format!("{family}, {} targets", targets.name());
                 let title = match ks.as_slice() {
                     [] => format!("{family}: means over numbers of anchors"),
                     [k] => format!("{family}: {k} anchors"),
@@ -98,50 +106,14 @@ impl Page<'_> {
         text + &format!("\nGeneration: `{}`\n", self.facts.generation)
     }
 
-    /// Control error and FID over decoder evaluations, a line for each family and solver.
-    pub fn svg(&self) -> String {
-        let families: Vec<&str> = distinct(self.entries.iter().map(|entry| entry.family));
-        let last = |figure: &str| {
-            let of = |entry: &Entry| entry.row.figures.get(figure).map(|f| f.mean);
-            self.entries.iter().filter_map(of).fold(0.0, f64::max)
-        };
-        let lines = |metric: &'static str| -> Vec<chart::Line> {
-            let line = |family: &str, solver: &str| {
-                let on = |entry: &&Entry| {
-                    let name = &entry.row.name;
-                    entry.family == family && entry.k.is_none() && (name == "generator" || name.starts_with(solver))
-                };
-                let point = |entry: &Entry| {
-                    let figures = &entry.row.figures;
-                    Some((figures.get("evaluations")?.mean.round() as u64, figures.get(metric)?.mean))
-                };
-                let mut points: Vec<(u64, f64)> = self.entries.iter().filter(on).filter_map(point).collect();
-                points.sort_by_key(|(evaluations, _)| *evaluations);
-                chart::Line { name: format!("{family}, {solver}"), points }
-            };
-            families.iter().flat_map(|family| [line(family, "ours"), line(family, "rs")]).collect()
-        };
-        let panels = [
-            ("control error, cm, over decoder evaluations", "control_error_cm"),
-            ("FID over decoder evaluations", "fid"),
-            ("jerk, m/s³, over decoder evaluations", "jerk"),
-        ]
-        .map(|(title, metric)| chart::Panel { title, lines: lines(metric) });
-        chart::document((last("evaluations") as u64).max(1), &panels)
-    }
-
-    /// Writes `<name>.json`, `<name>.md` and, when `drawn`, `<name>.svg` into a folder, each whole or not at all.
+    /// Writes `<name>.json` and `<name>.md` into a folder, each whole or not at all.
     ///
     /// # Errors
     /// [`output::Error`].
-    pub fn save(&self, folder: &Path, drawn: bool) -> Result<(), output::Error> {
+    pub fn save(&self, folder: &Path) -> Result<(), output::Error> {
         let mut data = serde_json::to_string_pretty(&self.json()).unwrap_or_default();
         data.push('\n');
-        let mut files = vec![("json", data), ("md", self.markdown())];
-        if drawn {
-            files.push(("svg", self.svg()));
-        }
-        for (extension, text) in files {
+        for (extension, text) in [("json", data), ("md", self.markdown())] {
             write_atomic(folder.join(format!("{}.{extension}", self.name)), |w| w.write_all(text.as_bytes()))?;
         }
         Ok(())

@@ -1,14 +1,19 @@
-//! Anchors of a clip: family, number, seed.
+//! Anchors of a clip: family, number, whose motion they are places of, seed.
 
 use motionette_host::motion::Pose;
 use motionette_host::reference::{Anchor, Target};
 use serde::{Deserialize, Serialize};
 
 use crate::control::anchors::{EXTREMITIES, Kind, draw};
+use crate::evaluate::prompt::Prompt;
 use crate::random::Random;
 
 /// Streams of random numbers that draw anchors.
 const STREAM: u64 = 1 << 44;
+/// Streams of random numbers that draw foreign clips.
+const PARTNER_STREAM: u64 = 1 << 45;
+/// So many tokens longer a foreign clip may be.
+const LONGER: usize = 5;
 /// Frames of the six-joint problem: five of them make 30 anchors.
 const SPARSE_FRAMES: usize = 5;
 
@@ -19,6 +24,41 @@ pub enum Problem {
     Family(Kind, usize),
     /// Pelvis, feet, head and hands at five random frames.
     SixJoints,
+}
+
+/// Whose motion anchors are places of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Targets {
+    /// The clip's own, which leak the truth.
+    Own,
+    /// Another clip's of about the same length and another label, from the same start and heading.
+    Foreign,
+}
+
+impl Targets {
+    /// As tables say it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Targets::Own => "own",
+            Targets::Foreign => "foreign",
+        }
+    }
+
+    /// The prompt whose clip's places are aimed at from prompt `place`: for foreign ones any of another label that is not shorter, and not
+    /// longer by more than [`LONGER`], or else the one nearest in length.
+    pub fn of(self, prompts: &[Prompt], place: usize, seed: u64) -> usize {
+        if self == Targets::Own {
+            return place;
+        }
+        let (own, label) = (prompts[place].tokens, prompts[place].label);
+        let others = || (0..prompts.len()).filter(|i| prompts[*i].label != label);
+        let alike: Vec<usize> = others().filter(|i| (own..=own + LONGER).contains(&prompts[*i].tokens)).collect();
+        if alike.is_empty() {
+            return others().min_by_key(|i| prompts[*i].tokens.abs_diff(own)).unwrap_or(place);
+        }
+        alike[Random::new(seed, PARTNER_STREAM + place as u64).below(alike.len())]
+    }
 }
 
 impl Problem {
@@ -67,6 +107,28 @@ impl Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn foreign_targets_are_of_another_label_and_about_as_long() {
+        let prompt = |(clip, tokens, label): (usize, usize, usize)| Prompt {
+            clip,
+            caption: String::new(),
+            content: String::new(),
+            style: None,
+            label,
+            tokens,
+        };
+        let prompts = [(0, 20, 0), (1, 21, 0), (2, 22, 1), (3, 25, 2), (4, 40, 3), (5, 19, 1)].map(prompt);
+        let mut seen = std::collections::BTreeSet::new();
+        for seed in 0..40 {
+            assert_eq!(Targets::Own.of(&prompts, 3, seed), 3);
+            let other = Targets::Foreign.of(&prompts, 0, seed);
+            assert_eq!(other, Targets::Foreign.of(&prompts, 0, seed));
+            seen.insert(other);
+            assert_eq!(Targets::Foreign.of(&prompts, 4, seed), 3, "nothing is as long: the nearest");
+        }
+        assert_eq!(seen.into_iter().collect::<Vec<_>>(), [2, 3]);
+    }
 
     #[test]
     fn anchors_depend_on_clip_and_seed_alone_and_are_met_by_the_clip() {

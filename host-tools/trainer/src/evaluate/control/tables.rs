@@ -9,11 +9,13 @@ use motionette::{Generator, Request};
 use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::verify;
 
-use super::bench::{Bench, Origin, Way};
-use super::problem::Problem;
+use super::bench::{Bench, Origin, Task, Way};
+use super::problem::{Problem, Targets};
 use crate::control::anchors::{FAMILIES, Kind};
 use crate::evaluate::figures::{Figure, Row};
 
+/// Whose motion anchors are places of, in the tables that tell the two apart.
+const TARGETS: [Targets; 2] = [Targets::Own, Targets::Foreign];
 /// Numbers of anchors that figures are averaged over.
 pub const COUNTS: [usize; 5] = [2, 4, 8, 16, 32];
 /// Those of ways that take hundreds of decoder evaluations, and of ablations.
@@ -26,6 +28,8 @@ const BALANCED: u16 = 200;
 pub struct Entry {
     /// Control family; `all` for all three together.
     pub family: &'static str,
+    /// Whose motion anchors are places of.
+    pub targets: Targets,
     /// Number of anchors; `None` is the mean over several.
     pub k: Option<usize>,
     /// Trainable parameters of a control.
@@ -54,21 +58,23 @@ impl Bench<'_> {
     fn entry(
         &mut self,
         way: &Way,
-        family: &'static str,
-        k: Option<usize>,
+        (family, k): (&'static str, Option<usize>),
         problems: &[Problem],
+        targets: Targets,
         course: &Course<'_>,
     ) -> Result<Entry> {
-        (course.say)(&format!("{family}: {}{}", way.name, k.map_or_else(String::new, |k| format!(", {k} anchors"))));
+        let anchors = k.map_or_else(String::new, |k| format!(", {k} anchors"));
+        (course.say)(&format!("{family}, {}: {}{anchors}", targets.name(), way.name));
         let parameters = match way.origin {
             Origin::Network(index) => Some(self.planners[index].1.parameters()),
             Origin::Prior | Origin::Controlled => None,
         };
-        Ok(Entry { family, k, parameters, row: self.row(way, problems, course.seeds)? })
+        let tasks: Vec<Task> = problems.iter().map(|problem| (*problem, targets)).collect();
+        Ok(Entry { family, targets, k, parameters, row: self.row(way, &tasks, course.seeds)? })
     }
 
-    /// AnchorRoute's table III: the generator, RouteSolver in three lengths, and the default in three budgets, by family and number of
-    /// anchors.
+    /// AnchorRoute's table III: the generator, the edit in motion space, quasi-Newton steps, RouteSolver in two lengths, by family and number
+    /// of anchors, on own and foreign targets.
     ///
     /// # Errors
     /// Those of [`Bench::group`].
@@ -76,23 +82,23 @@ impl Bench<'_> {
         let solver = |name: &str, config: Config| way(name, Origin::Controlled, Some(config));
         let ways = [
             way("generator", Origin::Controlled, None),
-            solver("ours10", Config::fast(10)),
-            solver("ours20", Config::fast(20)),
-            solver("ours40", Config::fast(40)),
-            solver("rs100", Config::published(100)),
+            solver("exact", Config::exact()),
+            solver("fast20", Config::fast(20)),
             solver("rs200", Config::published(200)),
             solver("rs500", Config::published(500)),
         ];
         let mut entries = Vec::new();
-        for way in &ways {
-            let counts: &[usize] = if way.name == "rs500" { &FEW } else { &COUNTS };
-            for kind in FAMILIES {
-                for k in counts {
-                    let problems = [Problem::Family(kind, *k)];
-                    entries.push(self.entry(way, family(kind), Some(*k), &problems, course)?);
+        for targets in TARGETS {
+            for way in &ways {
+                let counts: &[usize] = if way.name.starts_with("rs") { &FEW } else { &COUNTS };
+                for kind in FAMILIES {
+                    for k in counts {
+                        let problems = [Problem::Family(kind, *k)];
+                        entries.push(self.entry(way, (family(kind), Some(*k)), &problems, targets, course)?);
+                    }
+                    let problems: Vec<Problem> = counts.iter().map(|k| Problem::Family(kind, *k)).collect();
+                    entries.push(self.entry(way, (family(kind), None), &problems, targets, course)?);
                 }
-                let problems: Vec<Problem> = counts.iter().map(|k| Problem::Family(kind, *k)).collect();
-                entries.push(self.entry(way, family(kind), None, &problems, course)?);
             }
         }
         Ok(entries)
@@ -113,7 +119,9 @@ impl Bench<'_> {
         let mut ways = vec![way("prior", Origin::Prior, None)];
         ways.extend(names.into_iter().enumerate().map(named));
         ways.push(way("runtime", Origin::Controlled, None));
-        ways.iter().map(|way| self.entry(way, "all", None, &problems, course)).collect()
+        let each = |targets| ways.iter().map(move |way| (targets, way));
+        let rows: Vec<_> = TARGETS.into_iter().flat_map(each).collect();
+        rows.into_iter().map(|(targets, way)| self.entry(way, ("all", None), &problems, targets, course)).collect()
     }
 
     /// Table V: plain updates, the interval basis with uniform activity, and RouteSolver, 200 steps each.
@@ -133,7 +141,7 @@ impl Bench<'_> {
             let problems = FEW.map(|k| Problem::Family(kind, k));
             for (name, refinement) in ways {
                 let way = way(name, Origin::Controlled, refinement);
-                entries.push(self.entry(&way, family(kind), None, &problems, course)?);
+                entries.push(self.entry(&way, (family(kind), None), &problems, Targets::Own, course)?);
             }
         }
         Ok(entries)
@@ -160,7 +168,8 @@ impl Bench<'_> {
         ];
         let problems = FEW.map(|k| Problem::Family(Kind::Body, k));
         let entry = |(name, refinement): (&str, Option<Config>)| {
-            self.entry(&way(name, Origin::Controlled, refinement), family(Kind::Body), None, &problems, course)
+            let way = way(name, Origin::Controlled, refinement);
+            self.entry(&way, (family(Kind::Body), None), &problems, Targets::Own, course)
         };
         ways.into_iter().map(entry).collect()
     }
@@ -170,18 +179,21 @@ impl Bench<'_> {
     /// # Errors
     /// Those of [`Bench::group`].
     pub fn sparse(&mut self, course: &Course<'_>) -> Result<Vec<Entry>> {
-        let (published, ours) = (Some(Config::published(500)), Some(Config::fast(40)));
+        let (published, fast, exact) = (Some(Config::published(500)), Some(Config::fast(20)), Some(Config::exact()));
         let ways = [
             way("prior", Origin::Prior, None),
+            way("prior_exact", Origin::Prior, exact),
             way("prior_rs500", Origin::Prior, published),
-            way("prior_ours40", Origin::Prior, ours),
             way("generator", Origin::Controlled, None),
+            way("generator_exact", Origin::Controlled, exact),
+            way("generator_fast20", Origin::Controlled, fast),
             way("generator_rs500", Origin::Controlled, published),
-            way("generator_ours40", Origin::Controlled, ours),
         ];
         let problem = Problem::SixJoints;
-        let entry = |way: &Way| self.entry(way, problem.family(), Some(problem.count()), &[problem], course);
-        ways.iter().map(entry).collect()
+        let each = |targets| ways.iter().map(move |way| (targets, way));
+        let rows: Vec<_> = TARGETS.into_iter().flat_map(each).collect();
+        let place = (problem.family(), Some(problem.count()));
+        rows.into_iter().map(|(targets, way)| self.entry(way, place, &[problem], targets, course)).collect()
     }
 
     /// Table VII: seconds, decoder evaluations and work of a sample on one thread: four anchors, two of the pelvis and two of joints.
@@ -193,10 +205,8 @@ impl Bench<'_> {
         let solver = |config: Config| Some(config);
         let ways = [
             ("generator", None),
-            ("ours10", solver(Config::fast(10))),
-            ("ours20", solver(Config::fast(20))),
-            ("ours40", solver(Config::fast(40))),
-            ("rs100", solver(Config::published(100))),
+            ("exact", solver(Config::exact())),
+            ("fast20", solver(Config::fast(20))),
             ("rs200", solver(Config::published(200))),
             ("rs500", solver(Config::published(500))),
         ];
@@ -206,7 +216,7 @@ impl Bench<'_> {
             (course.say)(name);
             let mut sums: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
             for (place, prompt) in self.yardstick.prompts.iter().enumerate() {
-                let anchors = problem.anchors(&self.real[place].joints, place, 0);
+                let anchors = self.anchors((problem, Targets::Own), place, 0);
                 let request = Request::text(&prompt.caption).planned(self.generation.planning(prompt, 0));
                 let anchors: Vec<_> = anchors.iter().map(runtime_anchor).collect();
                 let request = Request { refinement, ..request.anchors(&anchors) };
@@ -236,7 +246,8 @@ impl Bench<'_> {
             };
             let figures = sums.iter().map(|(what, values)| (*what, figure(values))).collect();
             let row = Row { name: name.to_owned(), figures };
-            entries.push(Entry { family: problem.family(), k: Some(problem.count()), parameters: None, row });
+            let (family, k) = (problem.family(), Some(problem.count()));
+            entries.push(Entry { family, targets: Targets::Own, k, parameters: None, row });
         }
         Ok(entries)
     }
