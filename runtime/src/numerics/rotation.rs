@@ -20,6 +20,7 @@ impl Rotation {
     }
 
     /// By `angle` radians, at most a turn, about a unit axis.
+    #[cfg(any(test, feature = "playback"))]
     #[must_use]
     #[inline(never)]
     pub fn new(axis: Vector, angle: f32) -> Self {
@@ -57,6 +58,7 @@ impl Rotation {
 
     /// The rotation that takes the unit vectors `from = (along, aside)`, perpendicular to each other, to the direction of
     /// `along` and, as nearly as it can then be, to that of `aside`.
+    #[cfg(any(test, feature = "playback"))]
     #[must_use]
     #[inline(never)]
     pub fn aligning(from: (Vector, Vector), along: Vector, aside: Vector) -> Self {
