@@ -1,6 +1,6 @@
 //! Unit quaternions, active rotation of column vectors.
 
-use super::vector::{Vector, add, cross, dot, scale, subtract, unit};
+use super::vector::{Vector, add, cross, dot, scale, unit};
 use core::ops::Mul;
 
 /// A unit quaternion `w + x i + y j + z k`.
@@ -64,7 +64,7 @@ impl Rotation {
     pub fn aligning(from: (Vector, Vector), along: Vector, aside: Vector) -> Self {
         let first = Self::between(from.0, along);
         let turned = first.apply(from.1);
-        let across = subtract(aside, scale(along, dot(along, aside)));
+        let across = super::vector::subtract(aside, scale(along, dot(along, aside)));
         let angle = libm::atan2f(dot(along, cross(turned, across)), dot(turned, across));
         Self::new(along, angle) * first
     }
