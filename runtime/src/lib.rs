@@ -67,8 +67,8 @@
 //! # Features
 //! `default = []`. Families, each linked only where it is named, so that a firmware carries what its blob needs: `vq` (the decoder),
 //! `tmd` (its planner), `anchor-control` (of the planner), `text` (the encoder; without it a planner takes prompts stored in the blob),
-//! `refining` (motions bent onto anchors), `playback` (servos); `all` of them. On a Cortex-M4F `all` are 187 KiB
-//! of code, without playback 157, without text as well 149, `vq` and `refining` alone 104, `playback` alone 36. A blob that needs a family which
+//! `refining` (motions bent onto anchors), `playback` (servos); `all` of them. On a Cortex-M4F `all` are 222 KiB
+//! of code, without playback 193, without text as well 183, `vq` and `refining` alone 136, `playback` alone 36. A blob that needs a family which
 //! is not linked is refused by [`Model::open`] with that family's name, a request by
 //! [`Error::NotLinked`]. The interface is the same whatever is linked, but for [`playback`].
 //!
