@@ -46,7 +46,7 @@ impl Targets {
     }
 
     /// The prompt whose clip's places are aimed at from prompt `place`: for foreign ones any of another label that is not shorter, and not
-    /// longer by more than [`LONGER`], or else the one nearest in length.
+    /// longer by more than five tokens, or else the one nearest in length.
     pub fn of(self, prompts: &[Prompt], place: usize, seed: u64) -> usize {
         if self == Targets::Own {
             return place;
