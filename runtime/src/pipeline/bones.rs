@@ -44,7 +44,14 @@ pub(super) fn scale(model: &Model<'_>, bones: Bones<'_>) -> f32 {
 /// Gives decoded joints, `[T][22][3]` metres, the body's bones.
 #[inline(never)]
 pub(super) fn pose(model: &Model<'_>, bones: Bones<'_>, joints: &mut [f32]) {
-    let Some(body) = body(model, bones) else { return };
+    if let Some(body) = body(model, bones) {
+        pose_by(&body, joints);
+    }
+}
+
+/// The same of a body.
+#[inline(never)]
+pub(super) fn pose_by(body: &Body, joints: &mut [f32]) {
     let (points, _) = joints.as_chunks_mut::<3>();
     let (poses, _): (&mut [Pose], _) = points.as_chunks_mut::<JOINTS>();
     for pose in poses {

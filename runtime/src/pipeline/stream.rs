@@ -420,9 +420,7 @@ impl MotionStream<'_, '_> {
         recovery.integrate_from(Features { values, channels: &all }, &mut self.root, &mut self.path);
         let joints = recovery.joints(values, &self.path);
         if let Some(body) = &self.body {
-            let (points, _) = joints.as_chunks_mut::<3>();
-            let (poses, _): (&mut [Frame], _) = points.as_chunks_mut::<JOINTS>();
-            poses.iter_mut().for_each(|pose| *pose = body.posed(pose));
+            bones::pose_by(body, joints);
         }
         let frames = bytemuck::try_cast_slice(joints);
         invariant!(frames.is_ok(), "the joints are no whole frames");

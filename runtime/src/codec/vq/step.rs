@@ -55,6 +55,7 @@ impl ReluMask<'_> {
         part_mut!(self.bits, first * self.words..(first + count) * self.words)
     }
 }
+
 /// Buffers that a layer uses while it computes. The quantised rows of `scratch` are its window, `[kept + came][K]`.
 #[derive(Debug)]
 pub(super) struct Work<'w> {
