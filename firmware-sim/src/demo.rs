@@ -68,8 +68,9 @@ pub struct Cmd {
     /// Plan as if there were no anchors and only bend the motion onto them.
     #[arg(long, conflicts_with_all = ["clip", "bvh"])]
     unconditioned: bool,
-    /// off, exact (edited behind the decoder), fast:N (N decoder evaluations), fast:N+exact (both), rs100, rs200, rs500 (RouteSolver as published), or rs200 with an ablation:
-    /// rs200:plain, :transport, :slope, :quadratic, :cubic, :uniform, :shuffled.
+    /// off, exact (edited behind the decoder, feet planted; exact:free-feet without), fast:N (N decoder evaluations), fast:N+exact (both),
+    /// rs100, rs200, rs500 (RouteSolver as published), or rs200 with an ablation: rs200:plain, :transport, :slope, :quadratic, :cubic,
+    /// :uniform, :shuffled.
     #[arg(long, default_value = Refinement::DEFAULT)]
     refinement: Refinement,
     /// Seed of the planner and of the shuffled-activity ablation.
@@ -123,6 +124,11 @@ fn rigid(model: &Model<'_>, motion: &[Pose]) -> Vec<Pose> {
     posed.into_iter().map(|pose| pose.map(|at| at.map(|value| value as f32))).collect()
 }
 
+/// Whether there is anything to refine: anchors, or feet that stay where they stand.
+fn refines(config: Config, anchors: &[Anchor]) -> bool {
+    !anchors.is_empty() || config.exact.is_some_and(|exact| exact.planted)
+}
+
 /// A motion edited by the reference.
 fn edited(motion: &[Pose], anchors: &[Anchor], exact: Exact, frame_rate: u16) -> Vec<Pose> {
     let wide: Vec<_> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
@@ -174,7 +180,8 @@ impl Cmd {
         let started = Instant::now();
         let decoded = DecodePath::<f32>::new(&checkpoint)?.forward(&after.u).joints;
         let mut reference = rigid(&model, &decoded);
-        if let Some(exact) = config.and_then(|config| config.exact).filter(|_| !source.anchors.is_empty()) {
+        let refined = config.filter(|config| refines(*config, &source.anchors));
+        if let Some(exact) = refined.and_then(|config| config.exact) {
             reference = edited(&reference, &source.anchors, exact, model.frame_rate());
         }
         let reference_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -202,6 +209,7 @@ impl Cmd {
             before: &motions.before,
             after,
             refinement: self.refinement,
+            refined: config.is_some_and(|config| refines(config, &source.anchors)),
             skeleton: model.skeleton(),
             agreement,
             reference_ms,
@@ -228,10 +236,10 @@ impl Cmd {
         let request = self.request(model, source);
         let through = session::through(request, &source.anchors, config);
         let after = session::run(model, &through, |_| ()).with_context(|| self.hint(source))?;
-        // Without anchors nothing is bent; with them the same tokens are decoded as they are.
-        let before = match after.refinement {
-            None => after.clone(),
-            Some(_) => session::run(model, &Request::tokens(&after.tokens), |_| ())?,
+        // Where something is refined the same tokens are decoded as they are.
+        let before = match config.is_some_and(|config| refines(config, &source.anchors)) {
+            false => after.clone(),
+            true => session::run(model, &Request::tokens(&after.tokens).unrefined(), |_| ())?,
         };
         let distinct = AnchorSet::new(&source.anchors, after.joints.len())?.len();
         // Anchors may have made a motion of predicted length longer: it is to be compared frame by frame.

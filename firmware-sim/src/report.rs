@@ -3,6 +3,7 @@
 use crate::robot::RobotReport;
 use crate::session::{self, Outcome};
 use motionette::blob::Skeleton;
+use motionette::refining::Strain;
 use motionette::{Anchor, JOINTS, Target};
 use motionette_host::agreement::ClipAgreement;
 use motionette_host::cli::Refinement;
@@ -63,6 +64,10 @@ pub struct Report {
     pub edit_rounds: Option<u16>,
     /// Anchors that were met only as far as speed allows.
     pub loosened_anchors: u16,
+    /// How much the anchors ask of the motion; above 1 it may no longer do what the prompt says. `null` without an edit.
+    pub strain: Option<f32>,
+    /// The anchor that causes most of it, in the list of anchors, counted from 0.
+    pub strained_by: Option<u16>,
     /// Mean jerk of all joints, m/s^3.
     pub jerk: f64,
     /// The same without refinement.
@@ -177,15 +182,25 @@ impl Report {
             lines.push(line("control error", format!("{}, {} anchors", self.by_stage(errors), self.anchors)));
         }
         if self.refined() {
-            let (evaluations, gradients) = (self.decoder_evaluations, self.decoder_gradients);
             let name = self.refinement.as_deref().unwrap_or_default();
-            lines.push(line("refinement", format!("{name}: {evaluations} decoder evaluations, {gradients} gradients")));
+            let work = match (self.decoder_evaluations, self.decoder_gradients) {
+                (0, 0) => "no decoder evaluation".to_owned(),
+                (evaluations, gradients) => format!("{evaluations} decoder evaluations, {gradients} gradients"),
+            };
+            lines.push(line("refinement", format!("{name}: {work}")));
             if let Some(rounds) = self.edit_rounds {
                 let loose = match self.loosened_anchors {
                     0 => String::new(),
                     count => format!(", {count} anchors met as far as speed allows"),
                 };
                 lines.push(line("edited behind the decoder", format!("{rounds} rounds{loose}")));
+            }
+            if let (Some(strain), Some(anchor)) = (self.strain, self.strained_by) {
+                let warning = match strain > Strain::WARNING {
+                    true => ": warning, the motion may no longer do what the prompt says",
+                    false => "",
+                };
+                lines.push(line("strain", format!("{strain:.2}, most around anchor {}{warning}", anchor + 1)));
             }
             lines.push(line("distance |u - u0|", format!("{:.2}", self.du)));
         }
@@ -240,7 +255,7 @@ impl Report {
 
     /// Whether the motion was bent.
     const fn refined(&self) -> bool {
-        self.decoder_evaluations > 0 || self.edit_rounds.is_some()
+        self.refinement.is_some()
     }
 
     /// Errors of the prompt alone, of the generated motion and of the refined one, as far as they differ.
@@ -316,6 +331,8 @@ pub struct Parts<'p> {
     pub after: &'p Outcome,
     /// How anchors are met.
     pub refinement: Refinement,
+    /// Whether there was anything to refine.
+    pub refined: bool,
     /// The body that moves: offset of each joint from its parent, metres.
     pub skeleton: Skeleton<'p>,
     /// Agreement with the reference.
@@ -365,11 +382,13 @@ impl From<&Parts<'_>> for Report {
             decoder_gradients: after.refinement.map_or(0, |r| r.gradients),
             edit_rounds: edited.map(|edited| edited.rounds),
             loosened_anchors: edited.map_or(0, |edited| edited.loosened),
+            strain: edited.map(|edited| edited.strain.value),
+            strained_by: edited.map(|edited| edited.strain.anchor),
             jerk: metrics::jerk(&after.joints, f64::from(after.frame_rate)),
             jerk_before: metrics::jerk(&before.joints, f64::from(before.frame_rate)),
             foot_skating: metrics::foot_skating(&after.joints, 0.0),
             foot_skating_before: metrics::foot_skating(&before.joints, 0.0),
-            refinement: after.refinement.map(|_| parts.refinement.to_string()),
+            refinement: parts.refined.then(|| parts.refinement.to_string()),
             bone_error_mm: 1e3 * metrics::bone_error(&after.joints, parts.skeleton.offsets()),
             foot_speed: metrics::foot_speed(&after.joints, f64::from(after.frame_rate)),
             du: session::distance(&after.u, &before.u),

@@ -130,12 +130,12 @@ pub fn distance(u: &[f32], u0: &[f32]) -> f64 {
     u.iter().zip(u0).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>().sqrt()
 }
 
-/// `request` through `anchors`, bent onto them if there is a `refinement`.
+/// `request` through `anchors`, with this refinement.
 #[must_use]
 pub fn through<'r>(
     request: Request<'r>,
     anchors: &'r [Anchor],
     refinement: Option<motionette::refining::Config>,
 ) -> Request<'r> {
-    Request { refinement: refinement.filter(|_| !anchors.is_empty()), ..request.anchors(anchors) }
+    Request { refinement, ..request.anchors(anchors) }
 }

@@ -114,9 +114,9 @@ fn shape(index: usize) -> Shape {
         19 => (Text("stands and waves with both hands", plain), 36, Joint(6), fast(3)),
         20 => (Text("runs like a child", greedy), 44, PlanarRoot(4), fast(3)),
         21 => (Text("a proud figure walks", plain), 48, Mixed(7), fast(2).exactly()),
-        22 => (Text("throws kicks", Plan { steps: 10, ..guided }), 5, Mixed(2), fast(20)),
+        22 => (Text("throws kicks", Plan { steps: 5, ..guided }), 5, Mixed(2), fast(20)),
         _ => {
-            (Text("a tired person waves the right hand", Plan { steps: 10, ..guided }), 49, Standard, Config::default())
+            (Text("a tired person waves the right hand", Plan { steps: 5, ..guided }), 49, Standard, Config::default())
         }
     };
     Shape { from, positions, anchors, refinement }

@@ -87,7 +87,7 @@ fn the_default_job_makes_a_motion_from_text_and_agrees_with_the_reference() {
     assert!(number("bone_error_mm") < 1.0 && number("foot_speed") > 0.0, "{figures}");
     assert_eq!(figures["prompt"], "a person walks forward");
     assert_eq!(figures["unknown_words"], Value::Array(Vec::new()));
-    assert_eq!(figures["planner_steps"], 10);
+    assert_eq!(figures["planner_steps"], 5);
     // Of the 250 positions of one motion; `motionette verify` asks for 98 % over many.
     assert!(number("planner_token_agreement") >= 0.95, "{figures}");
     assert!(number("macs") > 1e8 && number("instructions_estimate") > number("macs"), "{figures}");

@@ -135,14 +135,14 @@ fn motions_are_made_played_held_and_stopped() {
     let status = client.status().expect("a status");
     assert_eq!((status.device.missed_ticks, status.device.bus_faults, status.unsent), (0, 0, 0));
 
-    // The anchor that is missed most is named: one in the way of the motion, one that no body of this size can reach.
+    // The anchor that strains the motion most is named: one in the way of the motion, one that no body of this size can reach.
     let root = Anchor { frame: 0, target: Target::PlanarRoot([0.0, 0.0]) };
     let away = Anchor { frame: 20, target: Target::Joint { joint: 20, position: [30.0, 20.0, 0.0] } };
     let anchored = Generate { anchors: [root, away].into_iter().collect(), ..wave(40, false) };
     let made = client.generate(&anchored, &mut watch).expect("a motion");
     let (mean, strain) = (made.control_error.expect("anchors"), made.strain.expect("anchors"));
-    assert_eq!((strain.measure, strain.anchor), (Measure::DISTANCE, 1));
-    assert!(strain.value > 1.0 && mean <= strain.value && strain.value <= 2.0 * mean, "{mean} {strain:?}");
+    assert_eq!((strain.measure, strain.anchor), (Measure::STRAIN, 1));
+    assert!(strain.value > 1.0 && mean > 1.0, "{mean} {strain:?}");
 
     // A request that cannot be met is told why.
     let text = "xyzzy".try_into().expect("short");

@@ -63,6 +63,8 @@ pub struct Stream {
     pub latency_frames: usize,
     /// The same in seconds of motion.
     pub latency_seconds: f64,
+    /// Whether feet stay where they stand: never, since the end of a stance would have to be known before its beginning is played.
+    pub planted_feet: bool,
     /// Arena bytes, exactly, however long the motion runs; the object comes on top.
     pub arena_bytes: usize,
     /// The arena by purpose; the sum is `arena_bytes`.
@@ -245,6 +247,7 @@ fn stream(model: &Model<'_>, limits: &StreamLimits) -> Result<Stream, Error> {
         radius_tokens: plan.radius_tokens,
         latency_frames: plan.latency_frames,
         latency_seconds: plan.latency_frames as f64 / f64::from(model.frame_rate()),
+        planted_feet: false,
         arena_bytes: plan.arena_bytes,
         arena: vec![
             share("tokens", plan.token_bytes),

@@ -43,8 +43,9 @@ fn runtime(bench: &Bench, name: &str) -> Vec<f64> {
     let plan = Plan::for_request(&model, &limits).expect("the limits are legal");
     let mut arena = vec![0u8; plan.arena_bytes + 16];
     let mut generator = Generator::new(model, &mut arena).expect("default floating point");
-    let motion =
-        generator.generate(&Request::tokens(&TOKENS).bones(Bones::Decoded), &mut ()).expect("request is valid");
+    let motion = generator
+        .generate(&Request::tokens(&TOKENS).bones(Bones::Decoded).unrefined(), &mut ())
+        .expect("request is valid");
     motion.joints().iter().map(|&v| f64::from(v)).collect()
 }
 

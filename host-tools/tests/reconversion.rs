@@ -1,5 +1,5 @@
 //! The shipped checkpoints, converted again, give the shipped blob: every rounding decision of import, calibration and quantisation, bit
-//! by bit. It rests on `../shared/mocap` and says so where that is absent.
+//! by bit. It rests on `../shared/mocap` and `../shared/mocap2` and says so where they are absent.
 //!
 //! What it cannot see: whether the blob is a good one (the cross test `agreement` does).
 
@@ -11,17 +11,16 @@ use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::{self, control, file_hash, prior};
 use motionette_host::convert::{self, CardText, Options, PriorSource, bank, calibration};
 use motionette_host::dataset::{Dataset, Split, captioned};
-use motionette_host::import::pack;
-use motionette_host::motion::features;
+use motionette_host::import::{actions::Actions, packs};
 use motionette_host::reference::Prior;
 use sha2::{Digest as _, Sha256};
 
-/// Hash of the dataset that `motionette import pack` makes of the motion-capture pack.
-const PACK: &str = "eb00db8877d2fae06d87ec8d09ed520248b1724116bee5d14d9b3800f65daf83";
-/// SHA-256 of the weight section of the same checkpoints with `--planner-bits 4`; no such blob is shipped.
-const FOUR_BIT_WEIGHTS: &str = "dd6375eaf928d972d3808035f1e499196d801e1228afffdb3611fa879be8580c";
+/// Hash of the dataset that `motionette import pack` makes of both packs.
+const PACKS: &str = "68544fc4e115f06087e463bcdeee27fdd02c8a91da6cfcdfab5c425d5d04ed6f";
 /// Frames that `motionette import` asks of a clip.
 const SHORTEST: usize = 8;
+/// What the card says the weights were made from.
+const DATA: &str = "Bandai-Namco Research motions, CMU, ACCAD, HDM05, Berkeley MHAD, ASE, KINDER, UTD-MHAD; words from all-MiniLM-L6-v2";
 
 fn model(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../models").join(name)
@@ -35,12 +34,14 @@ fn weights(blob: &[u8]) -> String {
     Sha256::digest(section).iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// What the command in models/README.md writes, with so many bits in the planner's blocks.
-fn converted(dataset: &Dataset, planner_bits: u8) -> AlignedBlob {
+/// What the command in models/README.md writes, of that name, with so many bits in the planner's blocks.
+fn converted(dataset: &Dataset, name: &str, planner_bits: u8) -> AlignedBlob {
     let paths = ["nano.safetensors", "nano.prior.safetensors", "nano.control.safetensors"].map(model);
     let [tokenizer, planner, anchors] = &paths;
     let tokenizer = checkpoint::load(tokenizer).expect("a tokenizer");
     let planner = prior::load(planner).expect("a prior");
+    let tiers = planner.config.word_tiers.clone();
+    let planner = planner.with_words(|row, _| tiers[row] <= 1);
     let control = control::load(anchors).expect("a control");
     let prompts = bank::read(&model("bank.txt")).expect("prompts");
     let bank = bank::encode(&planner, &prompts, false).expect("prompts of the vocabulary");
@@ -55,24 +56,26 @@ fn converted(dataset: &Dataset, planner_bits: u8) -> AlignedBlob {
     let source =
         PriorSource { checkpoint: &planner, bank: &bank, text_encoder: true, control: Some(&control), cases: &cases };
     let card = CardText {
-        name: "nano".into(),
+        name: name.into(),
         licence: "CC BY-NC 4.0".into(),
-        data: "Bandai-Namco Research motions, CMU mocap".into(),
+        data: DATA.into(),
         checkpoint: paths.map(|path| file_hash(&path).expect("readable")).join("+"),
     };
     convert::convert_with_prior(&tokenizer, Some(source), &options, &latents, &card, |_| ()).expect("a blob").blob
 }
 
 #[test]
-fn the_shipped_checkpoints_give_the_shipped_blob() {
-    let Some(folder) = common::shared("mocap") else { return };
-    let (dataset, _) = pack::import(&folder, SHORTEST, &features::Options::default(), &|_, _| ()).expect("the pack");
-    assert_eq!(dataset.hash, PACK, "the features of the pack");
-
-    let made = converted(&dataset, 8);
-    let shipped = std::fs::read(model("nano.blob")).expect("the shipped blob");
-    assert_eq!(weights(made.bytes()), weights(&shipped), "the weight section");
-    assert!(made.bytes() == shipped, "header, manifest or table differ, the weights do not");
-
-    assert_eq!(weights(converted(&dataset, 4).bytes()), FOUR_BIT_WEIGHTS, "the weight section in 4 bits");
+fn the_shipped_checkpoints_give_the_shipped_blobs() {
+    let (Some(first), Some(second)) = (common::shared("mocap"), common::shared("mocap2")) else { return };
+    let actions = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/actions.toml");
+    let actions = Actions::read(actions).expect("the table of actions");
+    let request = packs::Request { folders: vec![first, second], actions, withdraw: Vec::new(), shortest: SHORTEST };
+    let dataset = packs::import(&request, &|_, _| ()).expect("the packs").dataset;
+    assert_eq!(dataset.hash, PACKS, "the features of the packs");
+    for (name, planner_bits) in [("nano", 8), ("nano-pico2", 4)] {
+        let made = converted(&dataset, name, planner_bits);
+        let shipped = std::fs::read(model(&format!("{name}.blob"))).expect("the shipped blob");
+        assert_eq!(weights(made.bytes()), weights(&shipped), "the weight section of {name}");
+        assert!(made.bytes() == shipped, "{name}: header, manifest or table differ, the weights do not");
+    }
 }

@@ -71,8 +71,8 @@ pub struct Preset {
 impl Preset {
     /// Of a desktop: the runtime's own defaults, and lengths as the text suggests.
     pub const DESKTOP: Preset = Preset { frames: 0, steps: Planning::DEFAULT.steps, evaluations: 20, rows: ROWS };
-    /// Of a Raspberry Pi Pico 2, 150 MHz: 4 s of motion, fewer steps; much at a time, since the memory is there and flash is slow.
-    pub const PICO2: Preset = Preset { frames: 80, steps: 6, evaluations: 10, rows: 24 };
+    /// Of a Raspberry Pi Pico 2, 150 MHz: 4 s of motion; much at a time, since the memory is there and flash is slow.
+    pub const PICO2: Preset = Preset { frames: 80, steps: 5, evaluations: 10, rows: 24 };
 
     /// `request` with what it leaves open.
     fn fill(&self, request: &Generate) -> Generate {
@@ -87,7 +87,7 @@ impl Preset {
             request.refinement = Refinement::EXACT;
         }
         // The edit needs none: 0 of them are as good as meant.
-        if request.evaluations == 0 && request.refinement != Refinement::EXACT {
+        if request.evaluations == 0 && !request.refinement.edits() {
             request.evaluations = self.evaluations;
         }
         request

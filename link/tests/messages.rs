@@ -251,7 +251,7 @@ fn bytes_of_what_protocol_2_brought() {
         1, // Generate
         2, b'h', b'i',
         1, // length: predicted
-        0, 10, // seed, steps
+        0, 5, // seed, steps
         0, 0, 0, 0x40, // guidance 2
         3, // refinement
         7, // evaluations
@@ -346,8 +346,11 @@ fn anchors_keep_their_meaning() {
     request.refinement = Refinement::DEVICE;
     request.evaluations = 0;
     assert_eq!(request.request(&anchors).refinement, Some(Config::DEFAULT));
+    // Feet stand without anchors as well, unless they are not to.
     request.anchors.clear();
-    assert!(request.request(&[]).refinement.is_none());
+    assert_eq!(request.request(&[]).refinement, Some(Config::DEFAULT));
+    request.refinement = Refinement::EXACT_FREE_FEET;
+    assert_eq!(request.request(&[]).refinement.and_then(|config| config.exact).map(|exact| exact.planted), Some(false));
 }
 
 #[test]

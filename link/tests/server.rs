@@ -345,7 +345,7 @@ fn a_motion_that_cannot_be_played_is_refused_before_it_is_made() {
 #[test]
 fn a_refinement_method_that_is_not_known_is_refused_as_such() {
     let mut host = Host::greeted(SILENCE);
-    for found in [5, 127, 128, 255] {
+    for found in [6, 127, 128, 255] {
         let request = Generate::new("a person bows".try_into().unwrap());
         let request = Generate { refinement: Refinement(found), ..request };
         assert_eq!(host.refused(&Command::Generate(request)), Refusal::Refinement { found });

@@ -257,7 +257,7 @@ fn tiny() -> Tiny {
 }
 
 fn base() -> Request<'static> {
-    Request::text(PROMPT).length(Length::Tokens(6)).seed(5).steps(4)
+    Request::text(PROMPT).length(Length::Tokens(6)).seed(5).steps(4).unrefined()
 }
 
 const ANCHORS: [Anchor; 4] = [

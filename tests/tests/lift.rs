@@ -86,14 +86,6 @@ fn a_lifted_blob_has_the_body_that_motions_were_brought_to() {
     assert_eq!(offsets[12], [0.0, 0.219_36, 0.0]);
 }
 
-/// The shipped model: weights of before, by the CRC-32 that its format-3 blob's weight section had.
-#[test]
-fn the_shipped_weights_are_those_of_format_3() {
-    let blob = read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob"));
-    let crc = !motionette::blob::crc32(!0, weights(&blob));
-    assert_eq!((blob[4], weights(&blob).len(), crc), (4, 1_758_880, 0x71C6_1FCE));
-}
-
 #[test]
 fn what_is_no_whole_blob_of_format_3_is_named() {
     let (_, old) = old().remove(0);

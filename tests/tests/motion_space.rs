@@ -11,14 +11,14 @@ use motionette_host::blob::BlobFile;
 use motionette_host::motion::Pose;
 use motionette_host::reference::bridge::{reference_anchor, runtime_anchors};
 use motionette_host::reference::motion_space as reference;
-use motionette_host::verify;
+use motionette_host::{metrics, verify};
 
 const FPS: u16 = 20;
 
 fn motions() -> Vec<Vec<Pose>> {
     let blob = BlobFile::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob")).expect("bundled");
     let made = |(text, frames): (&str, u16)| {
-        let request = Request::text(text).frames(frames).steps(4).seed(3);
+        let request = Request::text(text).frames(frames).steps(4).seed(3).unrefined();
         verify::run(&blob, text, &request).expect("it runs").joints
     };
     [
@@ -91,6 +91,9 @@ fn runtime_and_reference_make_the_same_motion() {
                     worst = worst.max(off);
                 }
             }
+            let narrow = |poses: &[Pose]| poses.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect::<Vec<_>>();
+            let strain = reference::strain(&wide, &narrow(&ours), f64::from(FPS));
+            assert!((f64::from(report.strain.value) - strain).abs() < 1e-3 * (1.0 + strain), "{report:?}: {strain}");
             stances += usize::from(planted);
             let met = report.after.is_none_or(|after| after.worst < 0.002);
             assert!(met || report.loosened > 0, "motion {m} case {case}: {report:?} of {list:?}");
@@ -112,4 +115,40 @@ fn motions_of_predicted_length_are_edited() {
         assert!(report.edited.is_some() && report.evaluations == 0, "{report:?}");
         assert!(report.after.is_some_and(|after| after.worst < 0.002), "{report:?}");
     }
+}
+
+/// A request without anchors has its feet stand as well: they slide half as fast while they stand, skate no more, are not below the floor, and
+/// nothing jerks for it; the body above the hips is the generated one.
+#[test]
+fn feet_stand_in_motions_without_anchors() {
+    let blob = BlobFile::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob")).expect("bundled");
+    let (mut speed, mut skating, mut jerk, mut lowest) = ([0.0; 2], [0.0; 2], [0.0; 2], f32::INFINITY);
+    let texts = ["a person walks forward", "a tired person walks", "a person waves the right hand", "a person bows"];
+    for (seed, text) in texts.into_iter().enumerate() {
+        let request = Request::text(text).frames(120).seed(seed as u64);
+        let [free, planted] = [request.unrefined(), request].map(|r| verify::run(&blob, text, &r).expect("it runs"));
+        assert!(planted.refinement.is_none(), "without anchors there is nothing to report");
+        let toes = |t: usize, joints: &[Pose]| [10, 11].map(|toe: usize| joints[t][toe]);
+        // Stances of the generated motion.
+        for t in 1..free.joints.len() {
+            let pairs = toes(t - 1, &free.joints).into_iter().zip(toes(t, &free.joints)).enumerate();
+            for (foot, (a, b)) in pairs {
+                let far = |a: [f32; 3], b: [f32; 3]| f64::from((a[0] - b[0]).hypot(a[2] - b[2]));
+                if a[1] < 0.05 && b[1] < 0.05 && far(a, b) < 0.04 {
+                    speed[0] += far(a, b);
+                    speed[1] += far(toes(t - 1, &planted.joints)[foot], toes(t, &planted.joints)[foot]);
+                }
+            }
+        }
+        for (i, joints) in [&free.joints, &planted.joints].into_iter().enumerate() {
+            skating[i] += metrics::foot_skating(joints, 0.0);
+            jerk[i] += metrics::jerk(joints, f64::from(FPS));
+        }
+        for (a, b) in free.joints.iter().zip(&planted.joints) {
+            assert_eq!([a[0], a[9], a[15], a[20]], [b[0], b[9], b[15], b[20]]);
+            lowest = b[10][1].min(b[11][1]).min(lowest);
+        }
+    }
+    println!("foot speed in stance {speed:?}, skating {skating:?}, jerk {jerk:?}, lowest toe {lowest} m");
+    assert!(speed[1] < 0.5 * speed[0] && skating[1] < skating[0] && jerk[1] < 1.06 * jerk[0] && lowest > -1e-4);
 }

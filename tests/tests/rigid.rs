@@ -62,9 +62,12 @@ fn every_motion_has_the_bones_that_it_is_to_have() {
     let (own, other) = (offsets(&model), ape(&model));
     let mut decoded_error = 0.0f32;
     for (seed, text) in PROMPTS.into_iter().enumerate() {
-        let request = Request::text(text).frames(100).steps(4).seed(seed as u64);
+        let request = Request::text(text).frames(100).steps(4).seed(seed as u64).unrefined();
         let run = |request: &Request<'_>| verify::run(&blob, text, request).expect("it runs");
         let plain = run(&request);
+        // Feet that stand do not stretch legs.
+        let planted = run(&request.refined(Config::DEFAULT));
+        assert!(bone_error(&planted.joints, &own) < 1e-3 && planted.joints != plain.joints, "{text}");
         decoded_error = decoded_error.max(bone_error(&run(&request.bones(Bones::Decoded)).joints, &own));
         assert!(bone_error(&plain.joints, &own) < 1e-3, "{text}");
         assert!(bone_error(&run(&request.bones(Bones::Given(&other))).joints, &other) < 1e-3, "{text}");
@@ -107,7 +110,7 @@ fn the_reference_poses_the_same_body() {
     let model = blob.model().expect("it opens");
     let mut worst = 0.0f64;
     for (seed, text) in PROMPTS.into_iter().enumerate() {
-        let request = Request::text(text).frames(100).steps(4).seed(seed as u64);
+        let request = Request::text(text).frames(100).steps(4).seed(seed as u64).unrefined();
         let run = |bones| verify::run(&blob, text, &request.bones(bones)).expect("it runs").joints;
         let wide: Vec<_> = run(Bones::Decoded).iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
         let (own, other) = (offsets(&model), ape(&model));
@@ -136,7 +139,8 @@ fn streams_move_the_same_body() {
     let tokens: Vec<u16> = (0..20).map(|i| (i * 37 % 512) as u16).collect();
     let mut memory = vec![0u128; 40_000];
     for bones in [Bones::Model, Bones::Given(&other), Bones::Decoded] {
-        let whole = verify::run(&blob, "whole", &Request::tokens(&tokens).bones(bones)).expect("it runs").joints;
+        let whole =
+            verify::run(&blob, "whole", &Request::tokens(&tokens).bones(bones).unrefined()).expect("it runs").joints;
         let mut generator = Generator::new(model.clone(), bytemuck::cast_slice_mut(&mut memory)).expect("a generator");
         let limits = StreamLimits { tokens: 20, planning: None, rows: ROWS };
         let mut stream = generator.stream(&limits).expect("a stream");

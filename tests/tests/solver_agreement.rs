@@ -42,7 +42,8 @@ fn bench() -> Option<Bench> {
     let decoder = blob.dequantised(&checkpoint.decoder).expect("whole");
     let decode_path = DecodePath::new(&TokenizerCheckpoint { decoder, ..checkpoint }).expect("statistics");
     let tokens: Vec<u16> = (0..20 * 3).map(|i| (i * 29 % 64) as u16).collect();
-    let plain = verify::run(&blob, "bench", &Request::tokens(&tokens).bones(Bones::Decoded)).expect("a motion");
+    let plain =
+        verify::run(&blob, "bench", &Request::tokens(&tokens).bones(Bones::Decoded).unrefined()).expect("a motion");
     let beside = |frame: usize, joint: usize, by: [f64; 3]| -> [f64; 3] {
         let p = plain.joints[frame][joint];
         [0, 1, 2].map(|c| f64::from((f64::from(p[c]) + by[c]) as f32))

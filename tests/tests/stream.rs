@@ -67,7 +67,7 @@ fn whole(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
         Limits { tokens: model.max_tokens(), anchors: 0, refinement: Default::default(), planning: None, rows: ROWS };
     let mut arena = vec![0u8; Plan::for_request(model, &limits).expect("the limits are legal").arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).expect("default floating point");
-    let motion = generator.generate(&Request::tokens(tokens), &mut ()).expect("request is valid");
+    let motion = generator.generate(&Request::tokens(tokens).unrefined(), &mut ()).expect("request is valid");
     motion.joints().iter().map(|v| v.to_bits()).collect()
 }
 
@@ -215,7 +215,7 @@ fn the_radius_is_how_far_a_token_reaches() {
         .expect("the limits are legal");
         assert_eq!((plan.radius_tokens, plan.latency_frames), (radius.div_ceil(up), radius));
     }
-    assert_eq!(nano().model().unwrap().decoder().radius_tokens(), 22);
+    assert_eq!(nano().model().unwrap().decoder().radius_tokens(), 3);
 }
 
 /// What a decoder makes of a change of its first token ends where the padding on the left says, which no interface tells.

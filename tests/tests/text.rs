@@ -32,7 +32,7 @@ fn with<T>(tiny: &Tiny, work: impl FnOnce(&mut Generator<'_>) -> T) -> T {
 }
 
 fn base() -> Request<'static> {
-    Request::text("a person waves the left hand").length(Length::Tokens(6)).seed(5).steps(4)
+    Request::text("a person waves the left hand").length(Length::Tokens(6)).seed(5).steps(4).unrefined()
 }
 
 fn tokens(generator: &mut Generator<'_>, request: &Request<'_>) -> Vec<u16> {
@@ -69,7 +69,7 @@ fn a_motion_comes_with_its_tokens_and_what_was_understood() {
         model.codebooks().embed(motion.tokens(), &mut u).unwrap();
         assert_eq!(motion.u(), u);
         let (planned, hash) = (motion.tokens().to_vec(), motion.hash());
-        let again = generator.generate(&Request::tokens(&planned), &mut ()).unwrap();
+        let again = generator.generate(&Request::tokens(&planned).unrefined(), &mut ()).unwrap();
         assert_eq!((again.hash(), again.tokens(), again.words()), (hash, planned.as_slice(), 0));
         let embedded = generator.generate(&Request::embeddings(&u), &mut ()).unwrap();
         assert_eq!((embedded.hash(), embedded.tokens()), (hash, [].as_slice()));
@@ -349,9 +349,9 @@ fn painted_memory_is_what_the_plan_says() {
             base().guidance(1.0),
             base().length(Length::Predicted),
             base().through(&anchors).refined(Config::fast(3)),
-            Request::bank("wave").length(Length::Tokens(1)),
-            Request::text("run").length(Length::Tokens(13)),
-            Request::tokens(&[1, 2, 3]),
+            Request::bank("wave").length(Length::Tokens(1)).unrefined(),
+            Request::text("run").length(Length::Tokens(13)).unrefined(),
+            Request::tokens(&[1, 2, 3]).unrefined(),
         ];
         for request in requests {
             let mut words = vec![0u128; 1 << 16];

@@ -43,9 +43,14 @@ struct FeatureSet {
 
 /// Motions from text through anchors, without servos: what the check image links where nothing else is said.
 const GENERATOR: &str = "generate,families";
-const FEATURE_SETS: [FeatureSet; 5] = [
+const FEATURE_SETS: [FeatureSet; 6] = [
     FeatureSet { name: "all", features: "generate,families,playback", budget: 222 * 1024 },
     FeatureSet { name: "no playback", features: GENERATOR, budget: 193 * 1024 },
+    FeatureSet {
+        name: "no playback, tokens not bent",
+        features: "generate,motionette/tmd,motionette/text,motionette/anchor-control,motionette/editing",
+        budget: 172 * 1024,
+    },
     FeatureSet {
         name: "no playback, no text",
         features: "generate,motionette/tmd,motionette/anchor-control,motionette/refining",
@@ -56,7 +61,7 @@ const FEATURE_SETS: [FeatureSet; 5] = [
 ];
 
 /// The blob that a Pico 2 keeps two of.
-const PICO2_BLOB: &str = "models/nano.blob";
+const PICO2_BLOB: &str = "models/nano-pico2.blob";
 
 /// Symbol that the gate's panic handler calls and nobody defines.
 const UNDEFINED: &str = "a_panic_is_reachable";

@@ -44,6 +44,9 @@
 // Numbers that [`Scaffold::new`] needs.
 #define Scaffold_NUMBERS (3 * MAX_ANCHORS)
 
+// Of so much people are warned.
+#define Strain_WARNING 1.0
+
 // What went wrong. The numbers of `mtn_result` that a code sets stand beside it; the others are 0.
 enum mtn_error
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -104,6 +107,8 @@ enum mtn_error
     MTN_ERROR_TOKEN_OUT_OF_RANGE = 34,
     // The progress callback asked to abort.
     MTN_ERROR_ABORTED = 35,
+    // A bone of the request's skeleton is no number, or none that a body has. `index`: its joint.
+    MTN_ERROR_BONE = 36,
     // The model has no planner: it makes no motion from text.
     MTN_ERROR_NO_PLANNER = 40,
     // The model has no text encoder, only stored prompts. `found`: how many.
@@ -257,6 +262,8 @@ typedef struct mtn_limits {
     uint16_t evaluations;
     // As of a request.
     uint16_t exact;
+    // As in a request.
+    uint16_t free_feet;
     // Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
     float guidance;
     // Rows that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
@@ -322,8 +329,14 @@ typedef struct mtn_request {
     uint16_t evaluations;
     // Not 0: the planner does not see the anchors, they only refine.
     uint16_t unconditioned;
-    // Not 0: the joints are edited behind the decoder until the anchors are met, after `evaluations` of it, which may then be 0.
+    // Not 0: the joints are edited behind the decoder, after `evaluations` of it, which may then be 0, until the anchors are met; feet
+    // stay where they stand, with anchors and without.
     uint16_t exact;
+    // Not 0: of this edit, feet do not stay where they stand.
+    uint16_t free_feet;
+    // Skeleton of the body that moves, a robot's: offset of each of the `MTN_JOINTS` joints from its parent at rest, `[22][3]`, metres, y up,
+    // the left at +x, in the order of `mtn_joint`; anchors are in its world. Null: the model's own.
+    const float (*bones)[MTN_JOINTS][3];
 } mtn_request;
 
 // Makes motions of one model in one arena. Opaque: give it zeroed storage (a `static` is), call
@@ -465,7 +478,8 @@ struct mtn_result mtn_model_open(struct mtn_model *model, const void *blob, size
 // `model` is zeroed storage or one that `mtn_model_open` was called with; `limits` and `plan` are valid.
 struct mtn_result mtn_model_plan(const struct mtn_model *model, const struct mtn_limits *limits, struct mtn_plan *plan);
 
-// A request for nothing yet: ten steps, guidance 2, exact anchors, seed 0, the length that the text suggests.
+// A request for nothing yet: five steps, guidance 2, exact anchors, planted feet, the model's own body, seed 0, the length that the text
+// suggests.
 struct mtn_request mtn_request_default(void);
 
 // Makes a generator of `model` that works in `arena` and nowhere else.

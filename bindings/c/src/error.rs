@@ -70,6 +70,8 @@ pub enum mtn_error {
     TokenOutOfRange = 34,
     /// The progress callback asked to abort.
     Aborted = 35,
+    /// A bone of the request's skeleton is no number, or none that a body has. `index`: its joint.
+    Bone = 36,
 
     /// The model has no planner: it makes no motion from text.
     NoPlanner = 40,
@@ -177,6 +179,7 @@ static MESSAGES: &[(mtn_error, &CStr)] = &[
     (mtn_error::TokenCount, c"the request has no tokens, too many, or numbers that are no whole tokens"),
     (mtn_error::TokenOutOfRange, c"the codebook has no such token"),
     (mtn_error::Aborted, c"the progress callback aborted the request"),
+    (mtn_error::Bone, c"a bone of the skeleton is not as long as bones are"),
     (mtn_error::NoPlanner, c"the model has no planner: it cannot make tokens from text"),
     (mtn_error::NoTextEncoder, c"the model has no text encoder, only stored prompts"),
     (mtn_error::PromptNotUtf8, c"the prompt is not UTF-8"),
@@ -273,6 +276,7 @@ impl From<Error> for mtn_result {
             Error::Solver(SolverError::NotFinite) => mtn_error::RefinementNotFinite.into(),
             Error::NotLinked { .. } => mtn_error::BlobNotLinked.into(),
             Error::Aborted => mtn_error::Aborted.into(),
+            Error::Bone { joint } => mtn_result { index: u32::from(joint), ..mtn_error::Bone.into() },
             // Embeddings and streams have no way in from C.
             _ => mtn_error::Other.into(),
         }

@@ -1,10 +1,11 @@
 //! What a library says that was built without a family. Each build has one answer: `cargo xtask c` runs this with several.
 
+use motionette::refining::Config;
 use motionette::{Anchors, Error, Generator, Model, Request, blob};
 use std::{fs, vec};
 
-/// The bundled model opened by the runtime itself, and what a request of it through an anchor gets.
-fn opened_and_bent() -> Result<Result<(), Error>, blob::Error> {
+/// The bundled model opened by the runtime itself, and what requests of it through an anchor get: edited, and with bent tokens.
+fn opened_and_bent() -> Result<[Result<(), Error>; 2], blob::Error> {
     let bytes = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../../models/nano.blob")).unwrap();
     let mut memory = vec![0u128; bytes.len().div_ceil(16)];
     // SAFETY: 16 bytes a block, and any bits are numbers.
@@ -14,7 +15,8 @@ fn opened_and_bent() -> Result<Result<(), Error>, blob::Error> {
     let anchors = Anchors::new().root_at(0.5, [0.0, 0.9, 0.2]);
     let mut arena = vec![0u8; 1 << 20];
     let mut generator = Generator::new(model, &mut arena).unwrap();
-    Ok(generator.generate(&Request::tokens(&[117, 204, 407]).through(&anchors), &mut ()).map(drop))
+    let edited = Request::tokens(&[117, 204, 407]).through(&anchors);
+    Ok([edited, edited.refined(Config::fast(2))].map(|request| generator.generate(&request, &mut ()).map(drop)))
 }
 
 /// The first family that the bundled model needs and this build has not.
@@ -34,8 +36,13 @@ const MISSING: Option<&str> = if !cfg!(feature = "vq") {
 fn what_is_not_linked_is_named() {
     match (opened_and_bent(), MISSING) {
         (Err(blob::Error::NotLinked { feature }), Some(missing)) => assert_eq!(feature, missing),
-        (Ok(Ok(())), None) if cfg!(feature = "refining") => {}
-        (Ok(Err(Error::NotLinked { feature: "refining" })), None) if !cfg!(feature = "refining") => {}
+        (Ok(answers), None) => {
+            let answer = |linked: bool, feature| if linked { Ok(()) } else { Err(Error::NotLinked { feature }) };
+            let refining = cfg!(feature = "refining");
+            let editing = cfg!(feature = "editing") || refining;
+            assert_eq!(answers[0], answer(editing, "editing"));
+            assert_eq!(answers[1], if editing { answer(refining, "refining") } else { answer(false, "editing") });
+        }
         (found, missing) => panic!("{found:?}, the missing family is {missing:?}"),
     }
 }

@@ -52,6 +52,8 @@ pub struct mtn_limits {
     pub evaluations: u16,
     /// As of a request.
     pub exact: u16,
+    /// As in a request.
+    pub free_feet: u16,
     /// Guidance; 1 is off and saves half of the planner's work. Not looked at without words.
     pub guidance: f32,
     /// Rows that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
@@ -156,7 +158,7 @@ impl mtn_limits {
             let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0);
             planning = Some(PlanningLimits { words, steps, guided, anchors });
         }
-        let refinement = refinement(self.evaluations, self.exact);
+        let refinement = refinement(self.evaluations, self.exact, self.free_feet);
         let anchors = if refinement.is_some() { self.anchors } else { 0 };
         let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };
         Ok(Limits { tokens, anchors, refinement: refinement.unwrap_or(Config::fast(0)), planning, rows })

@@ -3,8 +3,8 @@
 use core::ffi::c_char;
 
 use motionette::MAX_PROMPT;
-use motionette::refining::Config;
-use motionette::{Anchor, AnchorList, JOINTS, Prompt, Request, Source};
+use motionette::refining::{Config, motion_space::Exact};
+use motionette::{Anchor, AnchorList, Bones, JOINTS, Prompt, Request, Source};
 
 use crate::error::{mtn_error, mtn_result};
 use crate::pointer::{clamped, place, slice};
@@ -69,11 +69,18 @@ pub struct mtn_request {
     pub evaluations: u16,
     /// Not 0: the planner does not see the anchors, they only refine.
     pub unconditioned: u16,
-    /// Not 0: the joints are edited behind the decoder until the anchors are met, after `evaluations` of it, which may then be 0.
+    /// Not 0: the joints are edited behind the decoder, after `evaluations` of it, which may then be 0, until the anchors are met; feet
+    /// stay where they stand, with anchors and without.
     pub exact: u16,
+    /// Not 0: of this edit, feet do not stay where they stand.
+    pub free_feet: u16,
+    /// Skeleton of the body that moves, a robot's: offset of each of the `MTN_JOINTS` joints from its parent at rest, `[22][3]`, metres, y up,
+    /// the left at +x, in the order of `mtn_joint`; anchors are in its world. Null: the model's own.
+    pub bones: *const [[f32; 3]; MTN_JOINTS],
 }
 
-/// A request for nothing yet: ten steps, guidance 2, exact anchors, seed 0, the length that the text suggests.
+/// A request for nothing yet: five steps, guidance 2, exact anchors, planted feet, the model's own body, seed 0, the length that the text
+/// suggests.
 #[unsafe(no_mangle)]
 pub extern "C" fn mtn_request_default() -> mtn_request {
     let planning = motionette::Planning::DEFAULT;
@@ -91,6 +98,8 @@ pub extern "C" fn mtn_request_default() -> mtn_request {
         evaluations: Config::DEFAULT.evaluations,
         unconditioned: 0,
         exact: u16::from(Config::DEFAULT.exact.is_some()),
+        free_feet: 0,
+        bones: core::ptr::null(),
     }
 }
 
@@ -158,17 +167,22 @@ impl mtn_request {
         }
         request.anchors = AnchorList::Frames(anchors.as_slice());
         request.planning.conditioned = self.unconditioned == 0;
-        request.refinement = refinement(self.evaluations, self.exact);
+        request.refinement = refinement(self.evaluations, self.exact, self.free_feet);
+        if !self.bones.is_null() {
+            // SAFETY: the caller vouches for the skeleton.
+            let bones = unsafe { slice(self.bones, 1, 1) }?;
+            request.bones = bones.first().map_or(Bones::Model, Bones::Given);
+        }
         Ok(request)
     }
 }
 
 /// How anchors are met; `None` leaves them to the planner.
-pub(crate) fn refinement(evaluations: u16, exact: u16) -> Option<Config> {
+pub(crate) fn refinement(evaluations: u16, exact: u16, free_feet: u16) -> Option<Config> {
     let config = Config::fast(evaluations);
     match exact {
         0 => (evaluations > 0).then_some(config),
-        _ => Some(config.exactly()),
+        _ => Some(Config { exact: Some(Exact { planted: free_feet == 0, ..Exact::DEFAULT }), ..config }),
     }
 }
 

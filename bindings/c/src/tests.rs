@@ -4,7 +4,7 @@ use core::ffi::{CStr, c_void};
 use core::{mem, ptr};
 use std::{boxed::Box, fs, string::String, string::ToString as _, sync::LazyLock, vec, vec::Vec};
 
-use motionette::{Generator, Length, Model, Request, blob::Aligned};
+use motionette::{Generator, JOINTS, Length, Model, Request, blob::Aligned};
 
 use crate::error::{mtn_error, mtn_error_message, mtn_result};
 use crate::generator::{
@@ -206,6 +206,7 @@ fn numbers_of_errors_stay_what_they_were() {
         (E::TokenCount, 33),
         (E::TokenOutOfRange, 34),
         (E::Aborted, 35),
+        (E::Bone, 36),
         (E::NoPlanner, 40),
         (E::NoTextEncoder, 41),
         (E::PromptNotUtf8, 42),
@@ -240,7 +241,7 @@ fn storage_must_be_opened_and_not_copied() {
     let mut model: Box<mtn_model> = zeroed();
     assert_eq!(open(&mut model, &BLOB), FINE);
     let limits =
-        mtn_limits { frames: 60, words: 8, anchors: 2, steps: 5, evaluations: 20, exact: 0, guidance: 2.0, rows: 0 };
+        mtn_limits { frames: 60, words: 8, anchors: 2, steps: 5, evaluations: 20, exact: 0, free_feet: 0, guidance: 2.0, rows: 0 };
     let mut plan: Box<mtn_plan> = zeroed();
     // SAFETY: everything is valid, `copy` holds the bits of an opened model.
     unsafe {
@@ -267,7 +268,7 @@ fn the_plan_is_what_a_request_takes() {
         if planned == FINE { Ok(*plan) } else { Err(planned) }
     };
     let limits =
-        mtn_limits { frames: 32, words: 0, anchors: 2, steps: 0, evaluations: 20, exact: 0, guidance: 0.0, rows: 0 };
+        mtn_limits { frames: 32, words: 0, anchors: 2, steps: 0, evaluations: 20, exact: 0, free_feet: 0, guidance: 0.0, rows: 0 };
     let plan = plan_of(limits).unwrap();
     assert_eq!(plan.planning_macs, 0);
     let anchors = [ROOT, WRIST];
@@ -380,6 +381,37 @@ fn a_motion_has_the_bits_of_the_rust_library() {
     assert_eq!((motion.frame_rate, motion.token_count), (20, 8));
     // SAFETY: everything is valid.
     assert_eq!(unsafe { mtn_self_test(&mut *bench.generator) }, FINE);
+}
+
+/// Joint positions of a motion.
+fn joints_of(motion: &mtn_motion) -> Vec<[f32; 3]> {
+    // SAFETY: the motion has so many numbers, and its generator was not used since.
+    unsafe { core::slice::from_raw_parts(motion.joints.cast::<[f32; 3]>(), motion.frames * JOINTS) }.to_vec()
+}
+
+#[test]
+fn a_skeleton_of_one_s_own_moves_and_feet_stand_if_they_are_to() {
+    let mut bench = Bench::new(1 << 18);
+    // SAFETY: the blocks are contiguous bytes.
+    let (_, blob, _) = unsafe { BLOB.align_to::<u8>() };
+    let mut own = [[0.0f32; 3]; JOINTS];
+    own.iter_mut().zip(Model::open(blob).unwrap().skeleton().offsets()).for_each(|(slot, offset)| *slot = offset);
+    let mut moved = |bones: &[[f32; 3]; JOINTS], free_feet| {
+        let request = mtn_request { bones, free_feet, ..tokens() };
+        bench.generate(&request).map(|motion| joints_of(&motion))
+    };
+    let larger = own.map(|offset| offset.map(|value| 1.5 * value));
+    let [same, large, free] = [(&own, 0), (&larger, 0), (&own, 1)].map(|(bones, free)| moved(bones, free).unwrap());
+    let shin = |joints: &[[f32; 3]]| {
+        let [a, b] = [joints[4], joints[7]];
+        a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
+    };
+    assert!((shin(&large) / shin(&same) - 1.5).abs() < 1e-3);
+    assert_ne!(same, free);
+    let mut broken = own;
+    broken[5] = [0.0, f32::NAN, 0.0];
+    assert_eq!(moved(&broken, 0), Err(result(mtn_error::Bone, 5, 0, 0)));
+    assert_eq!(joints_of(&bench.generate(&tokens()).unwrap()), same);
 }
 
 /// What a motion says was understood of its prompt, in so many bytes.

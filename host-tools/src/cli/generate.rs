@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::{ArgGroup, Args};
+use motionette::refining::Strain;
 use serde_json::{Value, json};
 
 use super::generate_args::GenerateArgs;
@@ -55,6 +56,15 @@ impl Cmd {
                 "note: {loosened} anchors ask for more speed than a body adds, and are met as far as it allows"
             ));
         }
+        let strain = edited.filter(|_| !anchors.is_empty()).map(|edited| edited.strain);
+        if let Some(strain) = strain.filter(|strain| strain.warns()) {
+            let frame = made.anchors.get(usize::from(strain.anchor)).map_or(0, |anchor| anchor.frame);
+            say(&format!(
+                "warning: bent so far onto its anchors, most of all around frame {frame}, the motion may no longer do what the prompt says \
+                 (strain {:.2})",
+                strain.value
+            ));
+        }
         let [planning_macs, macs] = made.macs;
         say(&format!(
             "{steps} planner steps, at most {} MAC, {} arena bytes",
@@ -81,9 +91,10 @@ impl Cmd {
             "unconditioned_anchors": made.unconditioned.as_ref().map_or(0, |(count, _)| *count),
             "unconditioned_because": made.unconditioned.map(|(_, why)| why),
             "control_error_m": control,
-            "refinement": (!anchors.is_empty()).then(|| self.args.refinement.to_string()),
+            "refinement": self.args.refinement.to_string(),
             "bone_error_mm": 1e3 * made.bone_error,
             "foot_speed": metrics::foot_speed(joints, rate),
+            "strain": strain.map(|Strain { value, anchor }| json!({"value": value, "anchor": anchor})),
             "edit_rounds": edited.map(|edited| edited.rounds),
             "loosened_anchors": loosened,
             "rigid_mean_cm": 100.0 * rigid.mean,

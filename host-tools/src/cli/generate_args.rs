@@ -61,9 +61,9 @@ pub(super) struct GenerateArgs {
     /// Plan as if there were no anchors and only bend the motion onto them.
     #[arg(long, requires = "anchors")]
     unconditioned: bool,
-    /// How anchors are met: off, exact (edited behind the decoder), fast:N (N decoder evaluations), fast:N+exact (both), rs200 (as
-    /// published); docs/anchors.md says more.
-    #[arg(long, requires = "anchors", default_value = Refinement::DEFAULT)]
+    /// How anchors are met: off, exact (edited behind the decoder, and feet stay where they stand, with anchors and without),
+    /// exact:free-feet, fast:N (N decoder evaluations), fast:N+exact (both), rs200 (as published); docs/anchors.md says more.
+    #[arg(long, default_value = Refinement::DEFAULT)]
     pub refinement: Refinement,
 }
 
@@ -202,9 +202,6 @@ impl GenerateArgs {
         };
         let request = Request::prompt(prompt).planned(planning);
         let request = if self.unconditioned { request.unconditioned() } else { request };
-        if anchors.is_empty() {
-            return request;
-        }
         Request { refinement: self.refinement.0, ..request.anchors(anchors) }
     }
 

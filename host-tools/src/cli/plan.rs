@@ -61,7 +61,7 @@ impl Cmd {
     pub(super) fn run(self) -> Result<Value> {
         let robot = self.robot.as_deref().map(robot_file::load).transpose()?;
         let blob = BlobFile::open(&self.blob)?;
-        let (refinement, anchors) = self.refinement.0.map_or((Config::DEFAULT, 0), |config| (config, self.anchors));
+        let (refinement, anchors) = self.refinement.0.map_or((Config::fast(0), 0), |config| (config, self.anchors));
         let guided = self.guidance != 1.0;
         let planning = match self.words.unwrap_or(usize::MAX) {
             0 => None,
@@ -101,7 +101,7 @@ impl Cmd {
         let stream = &report.stream;
         table("stream of any length", "bytes", &stream.arena, stream.arena_bytes as u64);
         say(&format!(
-            "  radius {} tokens, latency {} frames = {:.2} s; {} MAC a token, {} MAC a planned segment",
+            "  radius {} tokens, latency {} frames = {:.2} s, feet not planted; {} MAC a token, {} MAC a planned segment",
             stream.radius_tokens,
             stream.latency_frames,
             stream.latency_seconds,

@@ -3,9 +3,12 @@
 use std::fmt;
 use std::str::FromStr;
 
-use motionette::refining::{Activity, Basis, Config, Method};
+use motionette::refining::{Activity, Basis, Config, Exact, Method};
 
-/// How anchors are met; `None` leaves them to the planner.
+/// Behind a name: of its edit, feet do not stay where they stand.
+const FREE_FEET: &str = ":free-feet";
+
+/// How anchors are met and feet planted; `None` leaves anchors to the planner and feet as they are.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Refinement(pub Option<Config>);
 
@@ -22,8 +25,10 @@ impl fmt::Display for Refinement {
         match (config.method, config.exact) {
             (Method::Published, _) => write!(f, "rs{}", steps.saturating_sub(1)),
             (Method::QuasiNewton, None) => write!(f, "fast:{steps}"),
-            (Method::QuasiNewton, Some(_)) if steps == 0 => f.write_str("exact"),
-            (Method::QuasiNewton, Some(_)) => write!(f, "fast:{steps}+exact"),
+            (Method::QuasiNewton, Some(exact)) => {
+                let free = if exact.planted { "" } else { FREE_FEET };
+                if steps == 0 { write!(f, "exact{free}") } else { write!(f, "fast:{steps}+exact{free}") }
+            }
         }
     }
 }
@@ -32,20 +37,23 @@ impl FromStr for Refinement {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let known = "known are off, exact, fast:N, fast:N+exact, rs100, rs200, rs500, rs200:plain, :transport, :slope, :quadratic, :cubic, \
+        let known = "known are off, exact, exact:free-feet, fast:N, fast:N+exact, fast:N+exact:free-feet, rs100, rs200, rs500, rs200:plain, :transport, :slope, :quadratic, :cubic, \
             :uniform, :shuffled";
         let bad = || format!("no refinement is called {text:?}; {known}");
         if text == "off" {
             return Ok(Refinement(None));
         }
-        if text == "exact" {
-            return Ok(Refinement(Some(Config::exact())));
+        let (edited, planted) = text.strip_suffix(FREE_FEET).map_or((text, true), |text| (text, false));
+        let exact = Some(Exact { planted, ..Exact::DEFAULT });
+        if edited == "exact" {
+            return Ok(Refinement(Some(Config { exact, ..Config::exact() })));
         }
-        if let Some(budget) = text.strip_prefix("fast:") {
+        if let Some(budget) = edited.strip_prefix("fast:") {
             let (budget, both) = budget.strip_suffix("+exact").map_or((budget, false), |budget| (budget, true));
-            let budget = budget.parse().ok().filter(|n| (1..=10_000).contains(n)).ok_or_else(bad)?;
+            let budget =
+                budget.parse().ok().filter(|n| (1..=10_000).contains(n) && (both || planted)).ok_or_else(bad)?;
             let config = Config::fast(budget);
-            return Ok(Refinement(Some(if both { config.exactly() } else { config })));
+            return Ok(Refinement(Some(if both { Config { exact, ..config } } else { config })));
         }
         let (steps, ablation) = text
             .strip_prefix("rs")
@@ -94,6 +102,9 @@ mod tests {
             "fast:99999",
             "fast:+exact",
             "exact:3",
+            "exact:free-feet:free-feet",
+            "fast:3:free-feet",
+            "rs200:free-feet",
             "rs",
             "rs0",
             "rsx",
@@ -107,7 +118,7 @@ mod tests {
 
     #[test]
     fn names_are_what_was_asked_for() {
-        for name in ["off", "exact", "fast:20", "fast:3+exact", "rs200"] {
+        for name in ["off", "exact", "exact:free-feet", "fast:20", "fast:3+exact", "fast:3+exact:free-feet", "rs200"] {
             assert_eq!(refinement(name).unwrap().to_string(), name);
         }
         assert_eq!(refinement("rs100:slope").unwrap().to_string(), "rs100");

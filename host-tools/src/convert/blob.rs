@@ -108,7 +108,7 @@ fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
     let plan = Plan::for_request(&model, &limits).map_err(|e| Error::SelfTest(e.into()))?;
     let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(ALIGNMENT)];
     let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).map_err(Error::SelfTest)?;
-    let decoded = Request::tokens(&tokens).bones(Bones::Decoded);
+    let decoded = Request::tokens(&tokens).bones(Bones::Decoded).unrefined();
     Ok(generator.generate(&decoded, &mut ()).map_err(Error::SelfTest)?.hash())
 }
 

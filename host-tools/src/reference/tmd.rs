@@ -61,7 +61,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         let sampling = Sampling::Sample { temperature: 1.0, top_k: 0, top_p: 1.0 };
-        Self { seed: 0, steps: 10, schedule: Schedule::Uniform, sampling, fixed: Vec::new() }
+        Self { seed: 0, steps: 5, schedule: Schedule::Uniform, sampling, fixed: Vec::new() }
     }
 }
 

@@ -354,7 +354,7 @@ pub fn verify(
     check_same_model(blob, checkpoint)?;
     let decode_path = DecodePath::<f32>::new(checkpoint)?;
     let compared = crate::parallel::map(sequences, |s| -> Result<_, Error> {
-        let motion = run(blob, &s.id, &Request::tokens(&s.tokens).bones(Bones::Decoded))?;
+        let motion = run(blob, &s.id, &Request::tokens(&s.tokens).bones(Bones::Decoded).unrefined())?;
         let reference = decode_path.forward(&motion.u).joints;
         progress();
         Ok((motion, reference))

@@ -66,7 +66,7 @@ pub fn compare(
     let mut agreement = Agreement::default();
     let share = CENTIMETRES / chosen.len().max(1) as f64;
     for (seed, sequence) in chosen.iter().enumerate() {
-        let request = Request::tokens(&sequence.tokens).bones(Bones::Decoded);
+        let request = Request::tokens(&sequence.tokens).bones(Bones::Decoded).unrefined();
         let plain = run(blob, &sequence.id, &request)?;
         let anchors = place(&plain.joints, seed as u64);
         let given = runtime_anchors(&anchors);

@@ -83,7 +83,7 @@ pub struct Generate {
     pub steps: u16,
     /// How strongly the text guides; 1 is off.
     pub guidance: f32,
-    /// How it is bent onto its anchors.
+    /// How it is bent onto its anchors, and whether feet stay where they stand.
     pub refinement: Refinement,
     /// Decoder evaluations of the refinement; 0: none before an exact one, as many as the device prefers of the others.
     pub evaluations: u16,
@@ -128,9 +128,6 @@ impl Generate {
             .seed(self.seed)
             .steps(self.steps)
             .guidance(self.guidance);
-        if anchors.is_empty() {
-            return request;
-        }
         motionette::Request { refinement: self.refinement.config(self.evaluations), ..request.anchors(anchors) }
     }
 }

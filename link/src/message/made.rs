@@ -77,9 +77,13 @@ pub struct Strain {
 }
 
 impl Strain {
-    /// Of a motion that was bent onto its anchors: how far it still is from the anchor that it misses most.
+    /// Of a motion that was edited onto its anchors: how far that takes it from what was generated. Of one whose tokens were bent: how far it
+    /// still is from the anchor that it misses most.
     #[must_use]
     pub fn of(motion: &Motion<'_>) -> Option<Self> {
+        if let Some(strain) = motion.strain() {
+            return Some(Strain { measure: Measure::STRAIN, value: strain.value, anchor: strain.anchor });
+        }
         let after = motion.refinement?.after?;
         Some(Strain { measure: Measure::DISTANCE, value: after.worst, anchor: after.worst_anchor })
     }
@@ -92,4 +96,7 @@ pub struct Measure(pub u8);
 impl Measure {
     /// Distance of the refined motion from the anchor, metres.
     pub const DISTANCE: Measure = Measure(0);
+    /// Distance of the edited motion from what was generated, [`motionette::refining::Strain`]: above
+    /// [`WARNING`](motionette::refining::Strain::WARNING) it may no longer do what the prompt says.
+    pub const STRAIN: Measure = Measure(1);
 }

@@ -70,13 +70,13 @@ impl<'a> Decoding<'a> {
     }
 }
 
-/// What the edit in motion space works in, in the solver's place; nothing where none is asked for.
+/// What the edit in motion space works in, in the solver's place; nothing where there is nothing to edit.
 pub(crate) fn edit<'a>(
     model: &Model<'_>,
     limits: &Limits,
     arena: &mut Arena<'a>,
 ) -> Result<Option<(Exact, Scratch<'a>)>, ArenaTooSmall> {
-    let Some(exact) = limits.refinement.exact.filter(|_| limits.anchors > 0) else { return Ok(None) };
+    let Some(exact) = limits.edits() else { return Ok(None) };
     let scratch = Scratch::take(limits.tokens * model.frames_per_token(), limits.anchors, arena)?;
     Ok(Some((exact, scratch)))
 }

@@ -28,7 +28,7 @@ use crate::numerics::hash::Fnv;
 use crate::pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits};
 use crate::refining::motion_space::{self, Edited};
 use crate::refining::terms::anchors::Distances;
-use crate::refining::{self, Objective, Report, SolverError};
+use crate::refining::{self, Config, Objective, Report, SolverError, Strain};
 use crate::representation::humanml3d::channels;
 use crate::representation::{Features, Recover};
 use crate::request::conditions::AnchorSet;
@@ -50,7 +50,7 @@ pub struct Motion<'a> {
     heard: PromptStats,
     unconditioned: u16,
     frame_rate: u16,
-    /// What the refinement did; `None` without one.
+    /// What the refinement onto anchors did; `None` without one.
     pub refinement: Option<Report>,
     /// Arena bytes that were taken.
     pub arena_used: usize,
@@ -112,6 +112,12 @@ impl<'a> Motion<'a> {
     #[must_use]
     pub const fn frame_rate(&self) -> u16 {
         self.frame_rate
+    }
+
+    /// How much the anchors ask of the motion, where it was edited onto them ([`Config::exact`]).
+    #[must_use]
+    pub fn strain(&self) -> Option<Strain> {
+        Some(self.refinement?.edited?.strain)
     }
 
     /// Hash over every bit of embeddings and joints.
@@ -185,7 +191,7 @@ impl<'a> Generator<'a> {
 
     /// What the request takes without its anchors.
     fn limits(&self, request: &Request<'_>) -> Result<Limits, Error> {
-        let refinement = request.refinement.unwrap_or_default();
+        let refinement = request.refinement.unwrap_or(Config::NONE);
         let limit = self.model.max_tokens();
         let (numbers, each) = match request.source {
             Source::Tokens(tokens) => (tokens.len(), self.model.codebooks().quantizers()),
@@ -323,13 +329,15 @@ impl<'a> Generator<'a> {
         if scale != 1.0 {
             anchors.fill(request.anchors, model.frame_rate(), limits.tokens * model.frames_per_token())?;
         }
-        if cfg!(feature = "refining")
+        if cfg!(feature = "editing")
             && let Some(edited) =
                 edit(model, (&limits, made.tokens), &anchors, joints, &mut arena, &mut peak).map_err(too_small)?
         {
-            let report = Report::of_edit(refinement, edited, limits.refinement.stop_error);
-            log::debug!("edited: {}", report);
-            refinement = Some(report);
+            if limits.anchors > 0 {
+                let report = Report::of_edit(refinement, edited, limits.refinement.stop_error);
+                log::debug!("edited: {}", report);
+                refinement = Some(report);
+            }
         } else if let (Some(report), false) = (&mut refinement, request.bones == Bones::Decoded) {
             report.after = Some(control_error(&anchors, joints));
         }
@@ -393,7 +401,7 @@ fn control_error(anchors: &AnchorSet, joints: &[f32]) -> refining::ControlError 
     Distances::of(anchors, &at).control_error(anchors)
 }
 
-/// Edits the joints until they meet the anchors, where the request asks for it.
+/// Edits the joints until they meet the anchors and feet stay where they stand, where the request asks for it.
 #[inline(never)]
 fn edit(
     model: &Model<'_>,

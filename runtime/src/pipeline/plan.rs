@@ -8,6 +8,7 @@ use crate::memory::Arena;
 use crate::model::Model;
 use crate::pipeline::buffers::{self, Decoding};
 use crate::pipeline::stream;
+use crate::refining::motion_space::Exact;
 use crate::refining::{self, Config};
 use crate::representation::humanml3d::channels;
 use crate::request::conditions::MAX_ANCHORS;
@@ -17,9 +18,9 @@ use crate::request::conditions::MAX_ANCHORS;
 pub struct Limits {
     /// Tokens.
     pub tokens: usize,
-    /// Distinct anchors; 0 = no refinement.
+    /// Distinct anchors.
     pub anchors: usize,
-    /// Refinement.
+    /// How they are met, and whether feet stay where they stand.
     pub refinement: Config,
     /// Planning from text; `None` for tokens and embeddings.
     pub planning: Option<planning::PlanningLimits>,
@@ -315,9 +316,18 @@ impl Limits {
         self.anchors > 0 && self.refinement.bends()
     }
 
+    /// How decoded motions are edited: onto anchors, or for the feet alone.
+    pub(crate) fn edits(&self) -> Option<Exact> {
+        let exact = self.refinement.exact.filter(|exact| self.anchors > 0 || exact.planted);
+        exact.filter(|_| cfg!(feature = "editing"))
+    }
+
     fn check(&self, model: &Model<'_>) -> Result<(), PlanError> {
         check_tokens(model, self.tokens)?;
-        if self.anchors > 0 && !cfg!(feature = "refining") {
+        if self.anchors > 0 && !cfg!(feature = "editing") {
+            return Err(PlanError::NotLinked { feature: "editing" });
+        }
+        if self.bends() && !cfg!(feature = "refining") {
             return Err(PlanError::NotLinked { feature: "refining" });
         }
         if self.anchors > MAX_ANCHORS {

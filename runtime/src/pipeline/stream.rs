@@ -43,7 +43,7 @@ pub struct Segment {
 /// ```no_run
 /// # use motionette::{Generator, Length, Request, StreamError, StreamLimits, PlanningLimits};
 /// # fn run(generator: &mut Generator<'_>, mut play: impl FnMut(&motionette::Frame)) -> Result<(), StreamError> {
-/// let planning = PlanningLimits { words: 32, steps: 10, guided: true, anchors: false };
+/// let planning = PlanningLimits { words: 32, steps: 5, guided: true, anchors: false };
 /// let mut stream = generator.stream(&StreamLimits { tokens: 49, planning: Some(planning), rows: 8 })?;
 /// for prompt in ["a person walks", "a person walks", "a person waves the right hand"] {
 ///     stream.plan(&Request::text(prompt).length(Length::Tokens(12)), &mut ())?;

@@ -140,6 +140,9 @@ impl Config {
     /// What a request takes that says nothing else.
     pub const DEFAULT: Self = Self::exact();
 
+    /// What a request takes that wants the motion as it was decoded.
+    pub(crate) const NONE: Self = Self::fast(0);
+
     /// Token embeddings bent by quasi-Newton steps, with a budget of decoder evaluations. Chosen on val clips with K = 2, 4, 8 anchors of each family:
     /// - trust 1e-6: ten times more leaves 3 mm at K = 2, none lets `||u - u0||` grow by a fifth;
     /// - smoothness 0.1 does not show; 3 takes 4 to 10 % off the jerk and costs body points a quarter more error;

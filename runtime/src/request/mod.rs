@@ -44,7 +44,7 @@ pub struct Request<'r> {
     pub source: Source<'r>,
     /// Where it must pass: what the planner sees of a text's anchors, and what the refinement meets. Empty: neither.
     pub anchors: AnchorList<'r>,
-    /// How it is bent there; `None` leaves the motion as it is.
+    /// How it is bent there, and whether feet stay where they stand; `None` leaves the motion as it was decoded.
     pub refinement: Option<Config>,
     /// How tokens are planned; of no account for tokens and embeddings.
     pub planning: Planning<'r>,
@@ -59,7 +59,7 @@ impl<'r> Request<'r> {
         Request {
             source: Source::Tokens(tokens),
             anchors: AnchorList::Frames(&[]),
-            refinement: None,
+            refinement: Some(Config::DEFAULT),
             planning: Planning::DEFAULT,
             bones: Bones::Model,
         }
@@ -71,7 +71,7 @@ impl<'r> Request<'r> {
         Request {
             source: Source::Embeddings(u),
             anchors: AnchorList::Frames(&[]),
-            refinement: None,
+            refinement: Some(Config::DEFAULT),
             planning: Planning::DEFAULT,
             bones: Bones::Model,
         }
@@ -95,7 +95,7 @@ impl<'r> Request<'r> {
         Request {
             source: Source::Text(prompt),
             anchors: AnchorList::Frames(&[]),
-            refinement: None,
+            refinement: Some(Config::DEFAULT),
             planning: Planning::DEFAULT,
             bones: Bones::Model,
         }
@@ -162,7 +162,7 @@ impl<'r> Request<'r> {
     }
 
     /// The same with `anchors` ([`Anchors`](crate::Anchors), or a list of [`Anchor`](crate::Anchor)s) and the refinement that it has:
-    /// without one, only the planner sees them.
+    /// without one ([`Request::unrefined`]), only the planner sees them.
     #[must_use]
     pub fn anchors<A: AsAnchors + ?Sized>(self, anchors: &'r A) -> Self {
         Request { anchors: anchors.as_anchors(), ..self }
@@ -178,6 +178,12 @@ impl<'r> Request<'r> {
     #[must_use]
     pub const fn bones(self, bones: Bones<'r>) -> Self {
         Request { bones, ..self }
+    }
+
+    /// The same as it is decoded: anchors are for the planner alone, and feet are not kept where they stand.
+    #[must_use]
+    pub const fn unrefined(self) -> Self {
+        Request { refinement: None, ..self }
     }
 
     /// The same with another refinement.

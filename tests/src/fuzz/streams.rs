@@ -82,7 +82,7 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
         return Ok(());
     }
     drop(generator);
-    let request = Request::tokens(&seen.tokens).bones(bones);
+    let request = Request::tokens(&seen.tokens).bones(bones).unrefined();
     let need = requests::need(model, &request, ROWS).ok_or("the stream's tokens cannot be planned")?;
     let mut generator = Generator::new(model.clone(), memory.arena.painted(need)).map_err(|e| e.to_string())?;
     let whole = generator.generate(&request, &mut ()).map_err(|e| e.to_string())?;

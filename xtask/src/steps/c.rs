@@ -31,7 +31,8 @@ const LIMIT: Duration = Duration::from_secs(180);
 const SOURCES: [&str; 4] = ["walk.c", "qemu/start.c", "qemu/console.c", "qemu/blob.S"];
 
 /// Sets of the library's features that each lack a family of the bundled model, or what its requests need.
-const FEATURE_SETS: [&str; 5] = ["", "vq", "vq,tmd", "vq,tmd,anchor-control", "vq,tmd,anchor-control,text"];
+const FEATURE_SETS: [&str; 6] =
+    ["", "vq", "vq,tmd", "vq,tmd,anchor-control", "vq,tmd,anchor-control,text", "vq,tmd,anchor-control,text,editing"];
 
 /// Folder of the library's package.
 pub fn package() -> PathBuf {

@@ -57,8 +57,10 @@ enum Method {
     Fast,
     /// RouteSolver as published, for hundreds of them.
     Published,
-    /// Edited behind the decoder until the anchors are met; with --evaluations, after so many of them.
+    /// Edited behind the decoder until the anchors are met, feet planted; with --evaluations, after so many of them.
     Exact,
+    /// The same with feet as they were decoded.
+    ExactFreeFeet,
 }
 
 impl From<Method> for Refinement {
@@ -69,6 +71,7 @@ impl From<Method> for Refinement {
             Method::Fast => Refinement::FAST,
             Method::Published => Refinement::PUBLISHED,
             Method::Exact => Refinement::EXACT,
+            Method::ExactFreeFeet => Refinement::EXACT_FREE_FEET,
         }
     }
 }

@@ -31,8 +31,9 @@ pub struct Sources {
 impl Sources {
     /// Of a dataset and frozen networks as they are now.
     pub fn of(data_hash: &str, frozen: &Frozen) -> Self {
-        let named =
-            frozen.layout.split(&frozen.prior.parameters).map(|(parameter, values)| (parameter.name.as_str(), values));
+        // As a converter counts them: a table that comes with the words is none of the weights.
+        let trained = frozen.layout.split(&frozen.prior.parameters).filter(|(parameter, _)| !parameter.frozen);
+        let named = trained.map(|(parameter, values)| (parameter.name.as_str(), values));
         Self {
             data_hash: data_hash.to_owned(),
             tokenizer: codebook_hash(&frozen.tokenizer.codebook),

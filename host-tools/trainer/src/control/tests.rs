@@ -139,3 +139,14 @@ fn bad_input_is_refused() {
     tokenizer::command::run(&testing::args(folder, other)).unwrap();
     refused("--steps 4 --tokenizer @other.safetensors", "tokenizer");
 }
+
+/// Whatever the prior finds its words in: `motionette convert` takes only a control that names the prior beside it.
+#[test]
+fn a_prior_is_named_as_the_converter_names_it() {
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models");
+    let [prior, tokenizer] = ["nano.prior.safetensors", "nano.safetensors"].map(|file| models.join(file));
+    let frozen = Frozen::load(&prior, &tokenizer).unwrap();
+    assert!(frozen.layout.parameters.iter().any(|parameter| parameter.frozen), "words with vectors");
+    let read = checkpoint::prior::load(&prior).unwrap();
+    assert_eq!(Sources::of("", &frozen).prior, read.weights_hash());
+}

@@ -49,6 +49,8 @@ pub enum Table {
     Sparse,
     /// Seconds, decoder evaluations and work of a sample, one thread.
     Runtime,
+    /// Of which strain to warn: of the validation split, whose actions are lost when motions are edited onto anchors.
+    Strain,
 }
 
 /// Who generates motion.
@@ -190,11 +192,13 @@ fn anchored(args: &Args, table: Table, dataset: &Dataset, judge: &Judge, codec: 
     let seeds = args.seeds.unwrap_or(3);
     let limit = args.limit.map_or(100, |count| usize::try_from(count).unwrap_or(usize::MAX));
     let mut files = vec![&args.data, &args.evaluator, &args.tokenizer, &args.blob];
-    let mut chosen = prompt::prompts(dataset, Split::Test);
+    // Choices are made on other clips than figures.
+    let split = if table == Table::Strain { Split::Val } else { Split::Test };
+    let mut chosen = prompt::prompts(dataset, split);
     if limit < chosen.len() {
         chosen = (0..limit).map(|i| chosen[i * chosen.len() / limit].clone()).collect();
     }
-    let clips = prompt::composition(dataset, &chosen, Split::Test);
+    let clips = prompt::composition(dataset, &chosen, split);
     let real = real::motions(dataset, &chosen, codec)?;
     let captions: Vec<&str> = chosen.iter().map(|prompt| prompt.caption.as_str()).collect();
     let yardstick = Yardstick {
@@ -232,6 +236,7 @@ fn anchored(args: &Args, table: Table, dataset: &Dataset, judge: &Judge, codec: 
         Table::Refinement => ("refinement", "Ways to refine", bench.refinement(&course)?),
         Table::Mechanism => ("mechanism", "RouteSolver taken apart", bench.mechanism(&course)?),
         Table::Sparse => ("sparse", "Six joints at five frames", bench.sparse(&course)?),
+        Table::Strain => ("strain", "Of which strain to warn", bench.strain(&course)?),
         Table::Runtime => ("runtime", "What a sample costs", bench.runtime(&course, args.instructions_per_mac)?),
     };
     let notes = format!(
@@ -284,6 +289,11 @@ fn remarks(table: Table) -> &'static str {
         }
         Table::Refinement => "200 Adam steps each; means over 2, 8 and 32 anchors.",
         Table::Mechanism => "Body points, 200 Adam steps each; means over 2, 8 and 32 anchors.",
+        Table::Strain => {
+            "The edit in motion space on generated motions, all three families, 2, 8 and 32 anchors. *Warned*: share of all requests. *Actions lost*: of \
+             the motions that the evaluator took for their action as they were generated, those that it takes for another one as they were \
+             edited. Intervals are 1.96 standard errors."
+        }
         Table::Sparse => "Pelvis, feet, head and hands at five random frames: 30 anchors.",
         Table::Runtime => {
             "Four anchors, two kinds; one thread. Work is planned multiply-accumulates, scaled to the evaluations that were made; \

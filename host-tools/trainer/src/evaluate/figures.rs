@@ -165,6 +165,7 @@ impl Yardstick {
             ("bone_mm", anchored(&|c| c.bone_mm)),
             ("du", anchored(&|c| c.distance)),
             ("evaluations", anchored(&|c| c.evaluations)),
+            ("strain", anchored(&|c| c.strain)),
             ("action_accuracy", over_seeds(&|motion, prompt| yes(motion.content == prompt.content))),
             ("style_accuracy", style_accuracy),
             ("top1", top1),

@@ -30,6 +30,8 @@ pub struct Controlled {
     pub distance: f64,
     /// Decoder evaluations of the refinement.
     pub evaluations: f64,
+    /// How far the edit took the motion from what was generated; 0 without one.
+    pub strain: f64,
 }
 
 /// One motion, judged.

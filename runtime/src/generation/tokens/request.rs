@@ -45,7 +45,7 @@ pub struct Planning<'r> {
 }
 
 impl Default for Planning<'_> {
-    /// Ten uniform steps, guidance 2, sampled proposals, predicted length, seed 0, a whole motion, conditioned by anchors.
+    /// Five uniform steps, guidance 2, sampled proposals, predicted length, seed 0, a whole motion, conditioned by anchors.
     fn default() -> Self {
         Self::DEFAULT
     }
@@ -155,7 +155,7 @@ impl Planning<'_> {
     pub const DEFAULT: Self = Planning {
         length: Length::Predicted,
         seed: 0,
-        steps: 10,
+        steps: 5,
         schedule: Schedule::Uniform,
         guidance: 2.0,
         sampling: Sampling::Sample { temperature: 1.0, top_k: 0, top_p: 1.0 },

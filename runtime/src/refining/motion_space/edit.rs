@@ -1,6 +1,7 @@
 //! What is added to a motion, and the motion that comes of it.
 
 use super::covariance::Covariance;
+use super::dense::TRACKS;
 use super::parts::{Part, Side};
 use super::stances::{HELD, fill, mark, next_run};
 use crate::memory::{Arena, ArenaTooSmall};
@@ -20,8 +21,8 @@ const TAIL_NEAR: usize = 9;
 pub const HEIGHT: f32 = 0.05;
 /// The last way to an anchor is never longer than this, metres.
 const LAST: f32 = 0.03;
-/// A stance is drawn half way to its own mean: feet that slide stand.
-const LOCK: f32 = 0.5;
+/// A stance is drawn so far to its own mean: feet that slide stand.
+const LOCK: f32 = 0.65;
 /// A foot without an anchor is never put farther aside than this, metres.
 const ASIDE: f32 = 0.15;
 /// To which side a straight limb bends, metres: knees forward, elbows back.
@@ -71,6 +72,46 @@ struct Offsets<'a> {
     offsets: &'a mut [Vector],
 }
 
+/// Ways that are known at every frame, of tracks: of the root, and of a part each.
+#[derive(Debug)]
+pub struct Tracks<'a> {
+    /// The parts.
+    pub(super) parts: [Part; TRACKS],
+    count: usize,
+    /// Of the root, then of each part, `[1 + count][T]`; empty without tracks.
+    ways: &'a mut [Vector],
+    frames: usize,
+}
+
+impl<'a> Tracks<'a> {
+    fn take(frames: usize, count: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
+        let count = if count < TRACKS { count } else { TRACKS };
+        let ways = arena.take(if count > 0 { (1 + count) * frames } else { 0 })?;
+        Ok(Tracks { parts: [Part::Body; TRACKS], count, ways, frames })
+    }
+
+    /// The part of a track.
+    pub(super) fn part(&self, index: usize) -> Part {
+        self.parts.get(index).copied().unwrap_or(Part::Body)
+    }
+
+    fn parts(&self) -> &[Part] {
+        part!(self.parts, ..self.count)
+    }
+
+    /// The ways of a track, or of the root, `[T]`; empty where there are no tracks.
+    pub(super) fn ways(&self, who: Option<usize>) -> &[Vector] {
+        let first = who.map_or(0, |index| 1 + index) * self.frames;
+        self.ways.get(first..first + self.frames).unwrap_or_default()
+    }
+
+    /// The same to be written.
+    pub(super) fn ways_mut(&mut self, who: Option<usize>) -> &mut [Vector] {
+        let first = who.map_or(0, |index| 1 + index) * self.frames;
+        self.ways.get_mut(first..first + self.frames).unwrap_or_default()
+    }
+}
+
 /// What is added.
 #[derive(Debug)]
 pub struct Edit<'a> {
@@ -90,15 +131,17 @@ pub struct Edit<'a> {
     /// Of this, what the weights do not say: the last millimetres to the anchors.
     rest: Offsets<'a>,
     feet: [Offsets<'a>; 2],
+    /// Of rows at every frame.
+    pub(super) tracks: Tracks<'a>,
     planted: bool,
 }
 
 impl<'a> Edit<'a> {
-    /// Nothing yet, of a motion of `frames` frames.
+    /// Nothing yet, of a motion of `frames` frames, for so many anchors and tracks.
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
-    pub fn take(frames: usize, anchors: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
+    pub fn take(frames: usize, anchors: usize, tracks: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
         let mut offsets = || Ok(Offsets { known: arena.take(frames)?, offsets: arena.take(frames)? });
         let (feet, rest) = ([offsets()?, offsets()?], offsets()?);
         Ok(Edit {
@@ -112,6 +155,7 @@ impl<'a> Edit<'a> {
             path: arena.take(frames)?,
             rest,
             feet,
+            tracks: Tracks::take(frames, tracks, arena)?,
             planted: false,
         })
     }
@@ -122,6 +166,7 @@ impl<'a> Edit<'a> {
         self.weights.fill([0.0; 2]);
         self.heights.fill([0.0]);
         self.own.fill([0.0; 3]);
+        self.tracks.ways.fill([0.0; 3]);
         for foot in self.feet.iter_mut().chain([&mut self.rest]) {
             foot.known.fill(0);
             foot.offsets.fill([0.0; 3]);
@@ -300,6 +345,11 @@ impl<'a> Edit<'a> {
                 sum = add(sum, scale(*own, self.covariance.limb(frame, point.frame)));
             }
         }
+        for (index, part) in self.tracks.parts().iter().enumerate() {
+            if which(*part) {
+                sum = add(sum, self.tracks.ways(Some(index)).get(frame).copied().unwrap_or_default());
+            }
+        }
         sum
     }
 
@@ -320,6 +370,9 @@ impl<'a> Edit<'a> {
         for (slot, rest) in self.path.iter_mut().zip(self.rest.offsets.iter()) {
             *slot = add(*slot, *rest);
         }
+        for (slot, way) in self.path.iter_mut().zip(self.tracks.ways(None)) {
+            *slot = add(*slot, *way);
+        }
         for (foot, (ankle, toe)) in self.feet.iter_mut().zip([(7, 10), (8, 11)]) {
             foot.offsets.fill([0.0; 3]);
             if self.planted {
@@ -336,7 +389,9 @@ impl<'a> Edit<'a> {
         for joint in &mut out {
             *joint = add(*joint, shift);
         }
-        let any = |which: &dyn Fn(Part) -> bool| self.points().iter().any(|point| which(point.part));
+        let any = |which: &dyn Fn(Part) -> bool| {
+            self.points().iter().any(|point| which(point.part)) || self.tracks.parts().iter().any(|part| which(*part))
+        };
         let way = |which: &dyn Fn(Part) -> bool| self.way(frame, which);
         let forward = forward(&out);
         let at = |out: &Pose, joint: usize| out.get(joint).copied().unwrap_or_default();
@@ -474,12 +529,10 @@ impl Offsets<'_> {
         fill(self.offsets, self.known);
         let anchored = |t: usize| own().any(|anchor| usize::from(anchor.frame) == t);
         for (t, offset) in self.offsets.iter_mut().enumerate() {
-            let [_, was, _] = foot(t);
-            let lowest = if was < 0.0 { was } else { 0.0 };
-            let [_, shift, _] = shift(t);
+            let ([_, was, _], [_, shift, _]) = (foot(t), shift(t));
             let [_, height, _] = offset;
-            if was + shift + *height < lowest && !anchored(t) {
-                *height = lowest - was - shift;
+            if was + shift + *height < 0.0 && !anchored(t) {
+                *height = -was - shift;
             }
         }
     }

@@ -9,8 +9,10 @@
 //! - `covariance`: how edits at different frames go together.
 //! - `cholesky`: the linear systems.
 //! - `smoother`: the same for dense tracks, in time that grows with the frames alone.
+//! - `dense`, `obstacles`: rows at any number of frames, of where joints are and where they are not.
 //! - `stances`: when feet stand, and how offsets go from one stance to the next.
 //! - `parts`: which part of the body moves for which anchor.
+//! - `strain`: how far the edit takes a motion from what was generated.
 //! - `edit`: all that is added to a motion; a frame at a time, so that no second motion is in memory.
 //!
 //! # Numerics
@@ -19,10 +21,13 @@
 
 mod cholesky;
 mod covariance;
+pub mod dense;
 mod edit;
+pub mod obstacles;
 mod parts;
 pub mod smoother;
 mod stances;
+mod strain;
 #[cfg(test)]
 mod tests;
 
@@ -35,6 +40,8 @@ use crate::request::conditions::{AnchorSet, MAX_ANCHORS};
 use cholesky::{Cholesky, triangle};
 use edit::{Edit, HEIGHT, Point, TAIL};
 use parts::{Part, Side};
+pub use strain::Strain;
+use strain::Tally;
 
 /// Repetitions at most, while an anchor is not met.
 const ROUNDS: u16 = 6;
@@ -68,7 +75,7 @@ pub struct Exact {
     /// Speed that root and limb together may have beyond the generated motion's, metres a second. Anchors that ask for more are met
     /// as far as this allows. Less than a millimetre a frame counts as that.
     pub added_speed: f32,
-    /// Whether feet stay where they stand.
+    /// Whether feet stay where they stand and none is below the floor, with anchors and without.
     pub planted: bool,
 }
 
@@ -95,6 +102,8 @@ pub struct Edited {
     pub rounds: u16,
     /// Anchors that were loosened, because they ask for too much speed.
     pub loosened: u16,
+    /// How much the anchors asked of the motion.
+    pub strain: Strain,
 }
 
 /// Everything that [`solve`] works with.
@@ -111,7 +120,7 @@ impl<'a> Scratch<'a> {
     /// # Errors
     /// [`ArenaTooSmall`].
     pub fn take(frames: usize, anchors: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
-        let edit = Edit::take(frames, anchors, arena)?;
+        let edit = Edit::take(frames, anchors, 0, arena)?;
         Ok(Scratch { edit, system: arena.take(triangle(anchors + TAIL))? })
     }
 }
@@ -129,11 +138,18 @@ pub fn solve(
     edit.begin(poses, anchors, settings.planted);
     let step = settings.added_speed / f32::from(if frame_rate > 0 { frame_rate } else { 1 });
     let step = if step > LEAST_STEP { step } else { LEAST_STEP };
-    let edited = Solver { poses, anchors, step, edit, system }.run();
+    let mut edited = Solver { poses, anchors, step, edit, system }.run();
     if !anchors.is_empty() || settings.planted {
+        let mut tally = Tally::new(frame_rate);
         for (frame, pose) in poses.iter_mut().enumerate() {
-            *pose = edit.apply(pose, frame);
+            let moved = edit.apply(pose, frame);
+            // Poses that only a broken blob gives, kilometres away, stay as they are.
+            if moved.as_flattened().iter().all(|value| value.is_finite()) {
+                tally.add(pose, &moved);
+                *pose = moved;
+            }
         }
+        edited.strain.value = tally.value();
     }
     edited
 }
@@ -150,12 +166,14 @@ struct Solver<'s, 'a> {
 
 impl Solver<'_, '_> {
     fn run(&mut self) -> Edited {
-        let mut edited = Edited { before: None, after: None, rounds: 0, loosened: 0 };
+        let strain = Strain { value: 0.0, anchor: 0 };
+        let mut edited = Edited { before: None, after: None, rounds: 0, loosened: 0, strain };
         if self.anchors.is_empty() {
             return edited;
         }
         let before = Distances::of(self.anchors, &|joint, frame| place(self.poses.get(frame), joint));
-        edited.before = Some(before.control_error(self.anchors));
+        let before = before.control_error(self.anchors);
+        (edited.before, edited.strain.anchor) = (Some(before), before.worst_anchor);
         let mut distances = self.distances();
         while edited.rounds < MORE_ROUNDS {
             let off = |(error, point): (&f32, &Point)| *error > MET && point.loose == 0.0;

@@ -5,7 +5,7 @@
 //! and the other gets what is left: toes turn about their ankle, neck and head about the upper spine, a shoulder at the end of its
 //! collar bone.
 
-use crate::request::conditions::Observed;
+use crate::request::conditions::{Family, Observed};
 
 /// Anchors of the trunk are of one moment when they are no farther apart than this, frames.
 const TRUNK_MOMENT: u16 = 12;
@@ -71,6 +71,12 @@ impl Part {
                 Some(_) => Part::Lean(joint),
             },
         }
+    }
+
+    /// What moves for a joint that has no other beside it.
+    pub fn alone(joint: u8) -> Self {
+        let anchor = Observed { target: [0.0; 3], frame: 0, index: 0, joint, family: Family::BodyPoint };
+        Self::of(&anchor, core::iter::empty())
     }
 
     /// How far the part goes its own way while the root takes the rest, metres: standard deviations over the floor and in height.

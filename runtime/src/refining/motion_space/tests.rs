@@ -191,7 +191,8 @@ fn the_order_of_anchors_does_not_matter() {
     // Nothing to do is done by leaving every bit alone.
     let free = Exact { planted: false, ..Exact::DEFAULT };
     assert_eq!(bits(&poses), bits(&solved(&poses, &[], &free).0));
-    assert_eq!(solved(&poses, &[], &Exact::DEFAULT).1, Edited { before: None, after: None, rounds: 0, loosened: 0 });
+    let edited = solved(&poses, &[], &Exact::DEFAULT).1;
+    assert_eq!((edited.before, edited.after, edited.rounds, edited.loosened), (None, None, 0, 0));
 }
 
 /// Two wrists' anchors three metres and three frames apart, a foot that is to be somewhere at once, a pelvis far away: what comes out is
@@ -268,8 +269,70 @@ fn feet_stay_where_they_stand() {
         let [generated, planted, free] = [&poses, &planted, &free].map(|poses| slide(poses, &stands, toe));
         assert!(planted < 0.006 && free > 2.0 * planted, "toe {toe}: {generated} {planted} {free}");
     }
-    let deepest = |poses: &[Pose]| poses.iter().flat_map(|pose| [-pose[10][1], -pose[11][1]]).fold(0.0, larger);
-    assert!(deepest(&planted) < deepest(&poses) + 1e-4);
+    assert!(deepest(&planted) < 1e-4);
+}
+
+/// How far a toe is below the floor.
+fn deepest(poses: &[Pose]) -> f32 {
+    poses.iter().flat_map(|pose| [-pose[10][1], -pose[11][1]]).fold(0.0, larger)
+}
+
+/// A walk that slides, and sinks into the floor: without anchors feet come to stand on it, and nothing pops where a stance begins or ends.
+#[test]
+fn feet_stand_without_anchors_as_well() {
+    let mut poses = walk(160);
+    for (t, pose) in poses.iter_mut().enumerate() {
+        let [x, z] = [0.02 * (0.9 * t as f32).sin(), 0.012 * t as f32];
+        *pose = pose.map(|joint| add(joint, [x, -0.04, z]));
+    }
+    let (planted, edited) = solved(&poses, &[], &Exact::DEFAULT);
+    assert_eq!((edited.before, edited.after), (None, None));
+    let slid = |poses: &[Pose], stands: &[u8], toe: usize| -> f32 {
+        let steps = (1..poses.len()).filter(|t| stands[*t] > 0 && stands[t - 1] > 0);
+        let slides: Vec<f32> = steps
+            .map(|t| {
+                let [x, _, z] = subtract(poses[t][toe], poses[t - 1][toe]);
+                (x * x + z * z).sqrt()
+            })
+            .collect();
+        slides.iter().sum::<f32>() / slides.len() as f32
+    };
+    let jump = |poses: &[Pose], toe: usize| {
+        let change = |w: &[Pose]| length(subtract(add(w[0][toe], w[2][toe]), scale(w[1][toe], 2.0)));
+        poses.windows(3).map(change).fold(0.0, larger)
+    };
+    for toe in [10, 11] {
+        let mut stands = vec![0; poses.len()];
+        stances::mark(&poses, toe, &mut stands);
+        assert!(stands.iter().filter(|mark| **mark > 0).count() > 40, "a walk has stances");
+        let [before, after] = [&poses, &planted].map(|poses| slid(poses, &stands, toe));
+        assert!(after < 0.5 * before && before > 0.01, "toe {toe}: {before} {after} m a frame");
+        let [before, after] = [&poses, &planted].map(|poses| jump(poses, toe));
+        assert!(after < 1.5 * before, "toe {toe}: {before} {after} m a frame a frame");
+    }
+    assert!(deepest(&planted) < 1e-4 && deepest(&poses) > 0.008, "{} {}", deepest(&poses), deepest(&planted));
+    // Legs do what they can; the body above them stays where it was.
+    for (a, b) in poses.iter().zip(&planted) {
+        assert_eq!([a[0], a[15], a[20]], [b[0], b[15], b[20]]);
+    }
+}
+
+/// The farther an anchor is, the more it strains; of two the one that asks for more is named, by its place in the list.
+#[test]
+fn strain_grows_with_what_is_asked_for() {
+    let poses = walk(120);
+    let at =
+        |frame: usize, joint: usize, by: Vector| Anchor::joint(frame as u16, joint as u8, add(poses[frame][joint], by));
+    let strain = |anchors: &[Anchor]| solved(&poses, anchors, &Exact::DEFAULT).1.strain;
+    let root = |x: f32| Anchor::root(100, add(poses[100][0], [x, 0.0, 0.0]));
+    let series = [0.0, 0.2, 0.5, 1.0, 3.0].map(|x| strain(&[root(x)]).value);
+    assert!(series.windows(2).all(|pair| pair[0] < pair[1]) && series[0] < 0.3, "{series:?}");
+    let series = [0.0, 0.1, 0.3].map(|y| strain(&[at(60, 20, [0.0, y, 0.0])]).value);
+    assert!(series.windows(2).all(|pair| pair[0] < pair[1]), "{series:?}");
+    for anchors in [[root(2.0), at(20, 20, [0.05, 0.0, 0.0])], [at(20, 20, [0.05, 0.0, 0.0]), root(2.0)]] {
+        let blamed = strain(&anchors).anchor;
+        assert_eq!(anchors[usize::from(blamed)], root(2.0), "in whatever order");
+    }
 }
 
 /// The longest motion with most anchors, beside the motion itself.
@@ -278,4 +341,172 @@ fn memory_is_small() {
     let bytes = Arena::measure(|arena| Scratch::take(196, MAX_ANCHORS, arena));
     std::println!("{bytes} bytes, {} on the stack", size_of::<Scratch<'_>>());
     assert!(bytes < 20 << 10);
+}
+
+mod rows {
+    use super::super::dense::{DenseScratch, Left, Moving, Rows, Track, Wanted, follow};
+    use super::super::obstacles::{Obstacle, Shape};
+    use super::*;
+
+    /// Pelvis, head, wrists, ankles.
+    const SIX: [u8; 6] = [0, 15, 20, 21, 7, 8];
+
+    fn followed(poses: &[Pose], rows: &Rows<'_>) -> (Vec<Pose>, Left) {
+        let bytes = Arena::measure(|arena| DenseScratch::take(poses.len(), rows.tracks.len(), arena));
+        let mut memory = vec![0u128; bytes.div_ceil(16)];
+        let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
+        let mut scratch = DenseScratch::take(poses.len(), rows.tracks.len(), &mut arena).unwrap();
+        let mut out = poses.to_vec();
+        let left = follow(&mut out, rows, true, &mut scratch);
+        assert!(out.as_flattened().as_flattened().iter().all(|v| v.is_finite()));
+        (out, left)
+    }
+
+    /// How far limbs are from the length that they had.
+    fn stretched(poses: &[Pose], from: &[Pose]) -> f32 {
+        let limbs = [4, 5, 7, 8, 18, 19, 20, 21];
+        let off = |(a, b): (&Pose, &Pose)| {
+            let (a, b) = (bones(a), bones(b));
+            limbs.map(|joint: usize| (a[joint - 1] - b[joint - 1]).abs()).into_iter().fold(0.0, larger)
+        };
+        poses.iter().zip(from).map(off).fold(0.0, larger)
+    }
+
+    /// Another walk of the same body: it takes another path, and its limbs reach elsewhere now and then.
+    fn other(poses: &[Pose]) -> Vec<Pose> {
+        let by = |t: usize| {
+            [0.15 * (0.3 * t as f32).sin(), -0.05 + 0.05 * (0.7 * t as f32).cos(), 0.1 * (0.4 * t as f32).cos()]
+        };
+        let anchors: Vec<Anchor> = (1..20)
+            .map(|i| {
+                let (t, joint) = (9 * i, SIX[i % 6]);
+                Anchor::joint(t as u16, joint, add(poses[t][usize::from(joint)], by(t)))
+            })
+            .collect();
+        solved(poses, &anchors, &Exact::DEFAULT).0
+    }
+
+    #[test]
+    fn dense_tracks_of_six_joints_are_met() {
+        let poses = walk(196);
+        let goal = other(&poses);
+        let before = (0..196).flat_map(|t| SIX.map(|j| distance(poses[t][usize::from(j)], goal[t][usize::from(j)])));
+        assert!(before.fold(0.0, larger) > 0.1);
+        let every = |step: usize| {
+            let places = SIX.map(|joint| {
+                let goal = &goal;
+                move |t: usize| {
+                    let place = goal[t][usize::from(joint)];
+                    (t % step == 3 % step && t > 2).then_some(Wanted { place, axes: [true; 3], noise: 0.0 })
+                }
+            });
+            let tracks: Vec<Track<'_>> =
+                SIX.iter().zip(&places).map(|(joint, wanted)| Track { joint: *joint, wanted }).collect();
+            followed(&poses, &Rows { tracks: &tracks, obstacles: &[] })
+        };
+        for step in [1, 4, 40] {
+            let (out, left) = every(step);
+            let off = (3..196).filter(|t| t % step == 3 % step);
+            let off = off.flat_map(|t| SIX.map(|j| distance(out[t][usize::from(j)], goal[t][usize::from(j)])));
+            let worst = off.fold(0.0, larger);
+            std::println!("every {step} frames: {worst} m, {left:?}");
+            assert!(worst < 0.001 && (worst - left.off).abs() < 1e-5, "every {step}: {worst} {left:?}");
+            assert!(stretched(&out, &poses) < 1e-3);
+            assert!(added_speed(&out, &poses) < 3.0, "{}", added_speed(&out, &poses));
+        }
+    }
+
+    /// A soft row goes the less of its way the softer it is; an axis that does not count is left alone.
+    #[test]
+    fn rows_have_their_own_hardness_and_axes() {
+        let poses = walk(120);
+        let go = |noise: f32, axes: [bool; 3]| {
+            let at = |t: usize| {
+                let place = add(poses[60][0], [0.4, 0.3, 0.0]);
+                (t == 60).then_some(Wanted { place, axes, noise })
+            };
+            let tracks = [Track { joint: 0, wanted: &at }];
+            let (out, left) = followed(&poses, &Rows { tracks: &tracks, obstacles: &[] });
+            (subtract(out[60][0], poses[60][0]), left)
+        };
+        let ways = [0.0, 0.01, 0.1, 1.0].map(|noise| go(noise, [true, false, true]).0);
+        assert!(ways.windows(2).all(|pair| pair[0][0] > pair[1][0] + 0.005), "{ways:?}");
+        assert!((ways[0][0] - 0.4).abs() < 1e-3 && ways.iter().all(|way| way[1].abs() < 1e-6), "{ways:?}");
+        assert!((go(0.0, [false, true, false]).0[1] - 0.3).abs() < 1e-3);
+    }
+
+    /// Obstacles of all forms, still and moving, in the way of a walk: nothing that is watched is inside the margin, by more than two
+    /// millimetres, bones keep their lengths, and early on the walk is nearly what it was.
+    #[test]
+    fn obstacles_are_kept_clear_of() {
+        let poses = walk(196);
+        let ahead = poses[100][0];
+        let still = |shape: Shape, middle: Vector| move |_: usize| Some(Obstacle { shape, middle, margin: 0.05 });
+        let pillar = still(Shape::Cylinder { radius: 0.2, half_height: 1.2 }, [0.1, 1.2, ahead[2]]);
+        let ball = still(Shape::Sphere { radius: 0.3 }, [-0.25, 1.0, ahead[2]]);
+        let bar = still(Shape::Capsule { half: [0.8, 0.0, 0.0], radius: 0.06 }, [0.0, 1.58, ahead[2]]);
+        let crate_ = still(Shape::Box { half: [0.2, 0.35, 0.2] }, [0.35, 0.95, ahead[2]]);
+        let wall = still(Shape::Plane { normal: [-1.0, 0.0, 0.0] }, [0.18, 0.0, 0.0]);
+        let crossing = |t: usize| {
+            let middle = [0.03 * (t as f32 - 104.0), 1.0, ahead[2] + 0.1];
+            Some(Obstacle { shape: Shape::Sphere { radius: 0.25 }, middle, margin: 0.05 })
+        };
+        let now_and_then = |t: usize| pillar(t).filter(|_| t > 90);
+        let scenes: [(&str, Vec<Moving<'_>>); 8] = [
+            ("pillar", vec![&pillar]),
+            ("ball", vec![&ball]),
+            ("bar", vec![&bar]),
+            ("crate", vec![&crate_]),
+            ("wall", vec![&wall]),
+            ("crossing ball", vec![&crossing]),
+            ("a pillar that comes", vec![&now_and_then]),
+            ("ball and wall", vec![&ball, &wall]),
+        ];
+        for (name, obstacles) in scenes {
+            let free = |_: usize| None;
+            let tracks = SIX.map(|joint| Track { joint, wanted: &free });
+            let watched = |poses: &[Pose]| {
+                let clearances = poses.iter().enumerate().flat_map(|(t, pose)| {
+                    let each = obstacles.iter().filter_map(move |obstacle| obstacle(t));
+                    each.flat_map(|body| SIX.map(|joint| body.clearance(pose[usize::from(joint)]))).collect::<Vec<_>>()
+                });
+                clearances.fold(f32::INFINITY, |a, b| if b < a { b } else { a })
+            };
+            assert!(watched(&poses) < -0.02, "{name}: nothing in the way");
+            let (out, left) = followed(&poses, &Rows { tracks: &tracks, obstacles: &obstacles });
+            let least = watched(&out);
+            std::println!("{name}: {} -> {least} m, {left:?}, {} m/s", watched(&poses), added_speed(&out, &poses));
+            assert!(least > -0.002 && (least - left.clearance).abs() < 1e-5, "{name}: {least} {left:?}");
+            assert!(stretched(&out, &poses) < 1e-3, "{name}");
+            assert!(added_speed(&out, &poses) < 4.0, "{name}: {} m/s", added_speed(&out, &poses));
+            // The path bends early, but no body that is far off leaps.
+            assert!(name.contains("wall") || distance(out[5][0], poses[5][0]) < 0.05, "{name}");
+        }
+    }
+
+    /// The distances that obstacles say against the nearest of many points on their surfaces.
+    #[test]
+    fn distances_are_those_of_the_surfaces() {
+        let middle = [0.3, 1.0, -0.2];
+        let mut stream = crate::numerics::hash::Stream::new(9);
+        let mut next = move || stream.below(2001) as f32 / 1000.0 - 1.0;
+        for shape in [
+            Shape::Sphere { radius: 0.4 },
+            Shape::Capsule { half: [0.3, 0.1, -0.2], radius: 0.15 },
+            Shape::Cylinder { radius: 0.3, half_height: 0.5 },
+            Shape::Box { half: [0.2, 0.4, 0.3] },
+            Shape::Plane { normal: [0.6, 0.0, 0.8] },
+        ] {
+            let body = Obstacle { shape, middle, margin: 0.0 };
+            for _ in 0..400 {
+                let [a, b] = [(); 2].map(|()| add(middle, [next(), next(), next()]));
+                let (da, db) = (body.distance(a), body.distance(b));
+                assert!((da - db).abs() <= distance(a, b) + 1e-5, "{shape:?}: no distance grows faster than the way");
+                // Along the way in which it grows most it does so as fast as one goes, until the surface is reached.
+                let out = body.push(a, [0.0; 3]);
+                assert_eq!(da >= -0.0005, out == [0.0; 3], "{shape:?} {a:?}");
+                assert!(body.distance(add(a, out)) > -0.002, "{shape:?} {a:?}: {out:?}");
+            }
+        }
+    }
 }

@@ -45,7 +45,7 @@ pub fn serve(
 ) -> Result<u64, Refused> {
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
-    let planning = black_box(Some(PlanningLimits { words: text.len(), steps: 10, guided: true, anchors: true }));
+    let planning = black_box(Some(PlanningLimits { words: text.len(), steps: 5, guided: true, anchors: true }));
     let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning, rows: ROWS };
     let _ = black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
@@ -87,7 +87,7 @@ pub fn serve(
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
-        let request = black_box(Request { source, anchors: list, refinement: None, planning, bones: Bones::Model });
+        let request = black_box(Request { source, anchors: list, refinement: black_box(Some(Config::DEFAULT)), planning, bones: Bones::Model });
         hash ^= stream(&mut generator, &limits, &request)?;
     }
     Ok(hash)

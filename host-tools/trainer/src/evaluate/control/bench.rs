@@ -213,6 +213,7 @@ impl Bench<'_> {
             bone_mm: 1e3 * metrics::bone_error(joints, self.blob.model()?.skeleton().offsets()),
             distance: motion.refinement.map_or(0.0, |report| f64::from(report.distance)),
             evaluations: motion.refinement.map_or(0.0, |report| f64::from(report.evaluations)),
+            strain: edited.map_or(0.0, |edited| edited.strain.value.into()),
         };
         Ok((Motion { joints: motion.joints, tokens: motion.tokens }, controlled))
     }

@@ -9,7 +9,7 @@ use super::tables::Entry;
 use crate::evaluate::report::Facts;
 
 /// Figures in the order of the columns, with their heads; arrows say which way is better.
-const COLUMNS: [(&str, &str); 20] = [
+const COLUMNS: [(&str, &str); 24] = [
     ("control_error_cm", "control error, cm ↓"),
     ("control_error_p95_cm", "p95"),
     ("control_error_max_cm", "max"),
@@ -23,6 +23,10 @@ const COLUMNS: [(&str, &str); 20] = [
     ("jerk_at_anchors", "jerk at anchors"),
     ("speed", "fastest joint, m/s"),
     ("bone_mm", "bones off, mm ↓"),
+    ("strain", "strain"),
+    ("warned", "warned"),
+    ("lost", "actions lost"),
+    ("lost_warned", "of these warned ↑"),
     ("du", "‖u - u0‖"),
     ("diversity", "diversity →"),
     ("evaluations", "decoder evaluations"),

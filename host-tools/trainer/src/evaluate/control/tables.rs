@@ -20,6 +20,8 @@ const TARGETS: [Targets; 2] = [Targets::Own, Targets::Foreign];
 pub const COUNTS: [usize; 5] = [2, 4, 8, 16, 32];
 /// Those of ways that take hundreds of decoder evaluations, and of ablations.
 pub const FEW: [usize; 3] = [2, 8, 32];
+/// Strains of which a request might be warned; [`motionette::refining::Strain::WARNING`] among them.
+const THRESHOLDS: [f64; 7] = [0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0];
 /// Steps at which solvers are compared with one another.
 const BALANCED: u16 = 200;
 
@@ -52,6 +54,13 @@ fn way(name: &str, origin: Origin, refinement: Option<Config>) -> Way {
 
 fn family(kind: Kind) -> &'static str {
     Problem::Family(kind, 0).family()
+}
+
+/// How many of them hold, with 1.96 standard errors.
+fn share(holds: impl Iterator<Item = bool>) -> Figure {
+    let (yes, all) = holds.fold((0.0, 0.0), |(yes, all), holds| (yes + f64::from(u8::from(holds)), all + 1.0));
+    let mean = if all > 0.0 { yes / all } else { 0.0 };
+    Figure { mean, half_width: 1.96 * (mean * (1.0 - mean) / f64::max(all, 1.0)).sqrt() }
 }
 
 impl Bench<'_> {
@@ -194,6 +203,43 @@ impl Bench<'_> {
         let rows: Vec<_> = TARGETS.into_iter().flat_map(each).collect();
         let place = (problem.family(), Some(problem.count()));
         rows.into_iter().map(|(targets, way)| self.entry(way, place, &[problem], targets, course)).collect()
+    }
+
+    /// What [`Strain`](motionette::refining::Strain) is worth as a warning: at several values, how many requests it speaks of, and how many of those
+    /// whose motion was taken for its action as it was generated and for another one as it was edited.
+    ///
+    /// # Errors
+    /// Those of [`Bench::group`].
+    pub fn strain(&mut self, course: &Course<'_>) -> Result<Vec<Entry>> {
+        let generator = way("generator", Origin::Controlled, None);
+        let exact = way("exact", Origin::Controlled, Some(Config::exact()));
+        let mut entries = Vec::new();
+        for targets in TARGETS {
+            // Strain, and whether the action was lost where there was one.
+            let mut seen: Vec<(f64, Option<bool>)> = Vec::new();
+            for kind in FAMILIES {
+                (course.say)(&format!("{}, {}", family(kind), targets.name()));
+                for (k, seed) in FEW.into_iter().flat_map(|k| (0..course.seeds).map(move |seed| (k, seed))) {
+                    let task = (Problem::Family(kind, k), targets);
+                    let [before, after] = [self.group(&generator, task, seed)?, self.group(&exact, task, seed)?];
+                    let pairs = before.judged.iter().zip(&after.judged).zip(&self.yardstick.prompts);
+                    seen.extend(pairs.map(|((before, after), prompt)| {
+                        let strain = after.controlled.as_ref().map_or(0.0, |controlled| controlled.strain);
+                        (strain, (before.content == prompt.content).then(|| after.content != prompt.content))
+                    }));
+                }
+            }
+            for threshold in THRESHOLDS {
+                let warned = share(seen.iter().map(|(strain, _)| *strain > threshold));
+                let lost = share(seen.iter().filter_map(|(_, lost)| *lost));
+                let of_lost = seen.iter().filter(|(_, lost)| *lost == Some(true));
+                let lost_warned = share(of_lost.map(|(strain, _)| *strain > threshold));
+                let figures = [("warned", warned), ("lost", lost), ("lost_warned", lost_warned)].into_iter().collect();
+                let row = Row { name: format!("strain above {threshold}"), figures };
+                entries.push(Entry { family: "all", targets, k: None, parameters: None, row });
+            }
+        }
+        Ok(entries)
     }
 
     /// Table VII: seconds, decoder evaluations and work of a sample on one thread: four anchors, two of the pelvis and two of joints.
