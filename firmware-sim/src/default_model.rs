@@ -6,6 +6,8 @@ use std::path::Path;
 
 /// `models/nano.blob`, what the runtime reads.
 pub const BLOB: &[u8] = include_bytes!("../../models/nano.blob");
+/// `models/nano-pico2.blob`, the same with fewer bits: what a board with two slots in 4 MiB of flash holds.
+pub const BOARD_BLOB: &[u8] = include_bytes!("../../models/nano-pico2.blob");
 /// `models/nano.safetensors`.
 const TOKENIZER: &[u8] = include_bytes!("../../models/nano.safetensors");
 /// `models/nano.prior.safetensors`.

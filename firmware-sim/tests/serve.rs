@@ -173,7 +173,7 @@ fn a_new_blob_replaces_the_old_one_only_when_it_is_whole() {
     let folder = tempfile::tempdir().expect("a folder");
     let flash = folder.path().join("flash.bin");
     let arguments = ["--flash", flash.to_str().expect("a path")];
-    let blob = default_model::BLOB;
+    let blob = default_model::BOARD_BLOB;
     {
         let served = Served::start(&arguments);
         let (mut client, hello) = served.host();
@@ -210,7 +210,7 @@ fn without_a_blob_nothing_moves_until_one_is_sent() {
     let (mut client, hello) = served.host();
     assert_eq!((hello.model, hello.blob), (None, None));
     assert_eq!(refused(client.request(&Command::Generate(wave(40, true)))), Refusal::NoModel);
-    client.send_blob(default_model::BLOB, &mut |_| ()).expect("a blob");
+    client.send_blob(default_model::BOARD_BLOB, &mut |_| ()).expect("a blob");
     drop(client);
     let (mut client, hello) = served.host();
     assert!(hello.model.is_some());
@@ -226,7 +226,7 @@ fn another_host_does_not_disturb_the_one_that_plays() {
     let served = Served::start(&[]);
     let (mut client, _) = served.host();
     let made = client.generate(&wave(60, true), &mut watch).expect("a motion");
-    assert_eq!(made.understood.map(|it| it.phrase.to_string()), Some("a person waves the right hand".to_owned()));
+    assert_eq!(made.understood.map(|it| it.phrase.to_string()), Some("a person waves their right hand".to_owned()));
     let mut asked = 0;
     let state = client.wait_for_motion(&mut |_| {
         match served.connect(Options::default()).err() {
@@ -325,7 +325,7 @@ fn a_flash_file_that_cannot_be_written_any_more_costs_the_blob_only() {
     let (mut client, hello) = served.host();
     std::fs::rename(&place, folder.path().join("elsewhere")).expect("moved");
     std::fs::write(&place, "in the way").expect("written");
-    let error = client.send_blob(default_model::BLOB, &mut |_| ()).expect_err("it cannot be kept");
+    let error = client.send_blob(default_model::BOARD_BLOB, &mut |_| ()).expect_err("it cannot be kept");
     assert!(matches!(error, Error::Refused(Refusal::Update(UpdateFault::Flash(FlashFault::Device)))), "{error:?}");
     drop(client);
     let (mut client, after) = served.host();
@@ -382,7 +382,7 @@ fn a_robot_that_waits_for_its_release_says_so_and_plays_nothing() {
 
 /// The built-in model with another hash in its self-test: a blob in every other respect.
 fn of_other_bits() -> Vec<u8> {
-    let mut blob = default_model::BLOB.to_vec();
+    let mut blob = default_model::BOARD_BLOB.to_vec();
     let model = AlignedBlob::new(&blob);
     let hash = Model::open(model.bytes()).expect("the built-in model").self_test().hash;
     let mut room = [0; 10];
@@ -408,7 +408,7 @@ fn a_model_that_makes_other_bits_than_it_says_does_not_move_the_robot() {
     }
     assert_eq!(client.status().expect("a status").device.state, State::Holding);
     // The right one is taken again.
-    client.send_blob(default_model::BLOB, &mut |_| ()).expect("the right one");
+    client.send_blob(default_model::BOARD_BLOB, &mut |_| ()).expect("the right one");
     drop(client);
     let (mut client, hello) = served.host();
     assert!(hello.model.is_some());

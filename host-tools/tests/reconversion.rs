@@ -20,7 +20,7 @@ const PACKS: &str = "68544fc4e115f06087e463bcdeee27fdd02c8a91da6cfcdfab5c425d5d0
 /// Frames that `motionette import` asks of a clip.
 const SHORTEST: usize = 8;
 /// What the card says the weights were made from.
-const DATA: &str = "Bandai-Namco Research motions, CMU, ACCAD, HDM05, Berkeley MHAD, ASE, KINDER, UTD-MHAD; words from all-MiniLM-L6-v2";
+const DATA: &str = "Bandai-Namco Research motions, CMU, ACCAD, HDM05, Berkeley MHAD, ASE, Kinder-Gator, UTD-MHAD; words from all-MiniLM-L6-v2";
 
 fn model(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../models").join(name)

@@ -78,7 +78,7 @@ impl Cmd {
             None => Flash::default(),
         };
         if !self.empty && Store::open(&flash).active().is_none() {
-            install(&mut flash, default_model::BLOB)?;
+            install(&mut flash, default_model::BOARD_BLOB)?;
         }
         // A place that cannot be written is found out now, not when a host has sent its blob.
         flash.keep()?;

@@ -123,9 +123,9 @@ pub fn edited(
     (out, solver.points.iter().map(|point| point.loose).collect())
 }
 
-/// How far an edit takes a motion `[T]` from what was generated: the length of two numbers, the logarithm to base three of how many times faster the
-/// pelvis goes over the floor on average (.15 m/s added to both), and how far joints are from where they were as the pelvis sees them, root of
-/// the mean square, in 17.5 cm.
+/// How far an edit takes a motion `[T]` from what was generated: the length of two numbers, how many times faster or slower the pelvis goes over
+/// the floor on average (.15 m/s added to both; three times is 1, no change 0), and how far joints are from where they were as the pelvis
+/// sees them, root of the mean square, in 17.5 cm.
 #[must_use]
 pub fn strain(generated: &[[[f64; 3]; JOINTS]], edited: &[[[f64; 3]; JOINTS]], frame_rate: f64) -> f64 {
     let at = |motion: &[[[f64; 3]; JOINTS]], t: usize, joint: usize| Vector::from(motion[t][joint]);
@@ -138,7 +138,8 @@ pub fn strain(generated: &[[[f64; 3]; JOINTS]], edited: &[[[f64; 3]; JOINTS]], f
         (0..JOINTS).map(|joint| (seen(edited, t, joint) - seen(generated, t, joint)).norm_squared()).sum::<f64>()
     };
     let apart = (0..generated.len()).map(apart).sum::<f64>() / (generated.len() * JOINTS) as f64;
-    (speed(edited) / speed(generated)).log(3.0).hypot(apart.sqrt() / 0.175)
+    let (was, is) = (speed(generated), speed(edited));
+    (0.5 * ((was / is).max(is / was) - 1.0)).hypot(apart.sqrt() / 0.175)
 }
 
 fn gaussian(x: f64, width: f64) -> f64 {

@@ -9,7 +9,7 @@ use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use motionette::MOST_ROWS;
-use motionette::{Generator, Model, Observer, Progress, Stage, Stop, blob::Aligned};
+use motionette::{Anchor, Generator, MAX_ANCHORS, Model, Observer, Progress, Request, Stage, Stop, blob::Aligned};
 use motionette_cortex_m::{stack, standard_request};
 use semihosting::{println, process::exit};
 
@@ -19,6 +19,8 @@ const MODEL: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/model.blob"));
 static BLOB: Aligned<[u8; MODEL.len()]> = Aligned(*include_bytes!(concat!(env!("OUT_DIR"), "/model.blob")));
 
 const ARENA_BYTES: usize = 400 * 1024;
+/// Tokens of the standard request.
+const TOKENS: usize = standard_request::FRAMES as usize / 4;
 
 /// Ends the region before and begins the one of this number.
 macro_rules! mark {
@@ -86,7 +88,35 @@ fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
     let motion = generator.generate(&request, &mut ())?;
     mark!("0");
     println!("bench roomy_arena={}", motion.arena_used);
-    if motion.hash() == hash { Ok(()) } else { exit(1) }
+    if motion.hash() != hash {
+        exit(1);
+    }
+
+    let mut tokens = [0; TOKENS];
+    tokens.iter_mut().zip(motion.tokens()).for_each(|(to, from)| *to = *from);
+    edit(&mut generator, &tokens)
+}
+
+/// What the edit alone takes: the same tokens without it, and through as many anchors as there may be.
+// Its own frame: the stack of a request was painted before.
+#[inline(never)]
+fn edit(generator: &mut Generator<'_>, tokens: &[u16]) -> Result<(), motionette::Error> {
+    let decoded = Request::tokens(tokens).unrefined();
+    mark!("8");
+    let motion = generator.generate(&decoded, &mut ())?;
+    mark!("0");
+    let most = core::array::from_fn::<_, MAX_ANCHORS, _>(|i| {
+        let (frame, joint) = (6 * i + 5, [0, 20, 21, 15, 7, 8][i % 6]);
+        let [x, y, z] = motion.frames()[frame][joint];
+        Anchor::joint(frame as u16, joint as u8, [x + 0.1, y - 0.03, z + 0.1])
+    });
+    let edited = decoded.through(&most);
+    mark!("9");
+    let motion = generator.generate(&edited, &mut ())?;
+    mark!("0");
+    let rounds = motion.refinement.and_then(|report| report.edited).map_or(0, |edited| edited.rounds);
+    println!("bench edit_rounds={} edit_arena={}", rounds, motion.arena_used);
+    Ok(())
 }
 
 #[panic_handler]

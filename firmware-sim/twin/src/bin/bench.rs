@@ -101,6 +101,9 @@ const OPENING: usize = 1;
 const REQUEST: usize = 2;
 /// The same, as many rows at a time as may be.
 const ROOMY: usize = 7;
+/// The motion of its tokens as decoded, and edited onto 32 anchors.
+const DECODED: usize = 8;
+const EDITED: usize = 9;
 const LIMIT: Duration = Duration::from_secs(900);
 
 fn main() -> ExitCode {
@@ -232,6 +235,7 @@ fn object(options: &Options, all: &[Counted]) -> Result<Value> {
         "text_bytes": image::text_bytes(&check)?,
         "arena_bytes": printed("arena")?,
         "roomy_arena_bytes": printed("roomy_arena")?,
+        "edit_rounds": printed("edit_rounds")?,
         "ram_bytes": printed("arena")? + printed("generator")? + image::static_ram_bytes(&check)?,
         "blob_bytes": fs::metadata(&options.blob)?.len(),
         "plan_macs": macs["plan_macs"],
@@ -241,6 +245,8 @@ fn object(options: &Options, all: &[Counted]) -> Result<Value> {
     for counted in all {
         object[format!("request_instructions_{}", counted.machine.name)] = of(counted, REQUEST).into();
         object[format!("roomy_request_instructions_{}", counted.machine.name)] = of(counted, ROOMY).into();
+        object[format!("edit_instructions_{}", counted.machine.name)] =
+            of(counted, EDITED).saturating_sub(of(counted, DECODED)).into();
     }
     if let Some(path) = options.desktop.as_deref().filter(|path| path.exists()) {
         let desktop: Value = serde_json::from_slice(&fs::read(path)?).with_context(|| path.display().to_string())?;
@@ -292,9 +298,9 @@ fn page(all: &[Counted], object: &Value) -> Result<String> {
         let [dsp, mve] = region.peers;
         writeln!(page, " {} | {} | {} |", or_dash(region.budget), or_dash(dsp), or_dash(mve))?;
     }
-    page += "\n## The standard request\n\n49 tokens from text, 10 guided steps, two root anchors and two wrists, default \
+    page += "\n## The standard request\n\n49 tokens from text, five steps guided in one pass, two root anchors and two wrists, default \
              refinement; millions of instructions. The stages are of the second of two equal requests; reading the prompt and the \
-             anchors come in `reading`.\n\n| |";
+             anchors come in `reading`, the edit onto the anchors in `decoding`.\n\n| |";
     for counted in all {
         write!(page, " {} |", counted.machine.name)?;
     }
@@ -310,6 +316,12 @@ fn page(all: &[Counted], object: &Value) -> Result<String> {
         }
         page += "\n";
     }
+    write!(page, "| the edit alone, 196 frames, 32 anchors, {} rounds |", object["edit_rounds"])?;
+    for counted in all {
+        let key = format!("edit_instructions_{}", counted.machine.name);
+        write!(page, " {:.1} |", object[key.as_str()].as_u64().unwrap_or(0) as f64 / 1e6)?;
+    }
+    page += "\n";
     let number = |key: &str| object[key].as_u64().unwrap_or(0);
     writeln!(
         page,
@@ -321,7 +333,7 @@ fn page(all: &[Counted], object: &Value) -> Result<String> {
     )?;
     page += "## Memory\n\n| | bytes | limit |\n|---|---:|---:|\n";
     for (name, key, limit) in [
-        ("code and constants of the runtime (M4F)", "text_bytes", "163840"),
+        ("code and constants of the runtime (M4F)", "text_bytes", "198656"),
         ("model", "blob_bytes", ""),
         ("arena of the request", "arena_bytes", ""),
         (&format!("the same, {MOST_ROWS} rows at a time"), "roomy_arena_bytes", ""),

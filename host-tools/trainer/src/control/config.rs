@@ -95,6 +95,10 @@ pub struct Config {
     /// Share of motions whose anchors are their own with a longer or shorter path, by a factor from [`SCALES`].
     #[serde(default)]
     pub scaled: f64,
+    /// Where the prior is guided in one pass: share of the motions that meet their anchors which learn to say at other strengths what two passes would,
+    /// by the control's own word. That feeds back: what one pass says too surely, the next is taught more so.
+    #[serde(default)]
+    pub guided: f64,
     /// Weight of the tokens of such motions, whose anchors they do not meet, beside 1 of the others.
     #[serde(default)]
     pub far_tokens: f32,
@@ -133,8 +137,9 @@ impl Config {
             anchor_loss: 0.3,
             support: 2,
             decoded: Decoded::Expected,
-            foreign: 0.25,
-            scaled: 0.2,
+            foreign: 0.12,
+            scaled: 0.1,
+            guided: 0.0,
             far_tokens: 0.2,
         };
         match name {
@@ -176,6 +181,7 @@ impl Configuration for Config {
             ("joins", self.joins),
             ("foreign", self.foreign),
             ("scaled", self.scaled),
+            ("guided", self.guided),
             ("far_tokens", f64::from(self.far_tokens)),
         ];
         for (field, share) in shares {

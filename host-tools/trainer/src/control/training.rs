@@ -45,8 +45,6 @@ const ANCHOR_STREAM: u64 = 1 << 42;
 /// What remains of the local context when the planner begins to listen: at full size it would drown the tokens.
 const HANDED_OVER: f32 = 0.25;
 
-/// Share of motions that learn to be guided, of those that meet their anchors.
-const GUIDED: f64 = 0.5;
 /// Motions that do not meet their anchors are corrupted as late as this: what is left of their own tokens says the opposite.
 const FAR_LATEST: f32 = 0.5;
 
@@ -263,7 +261,7 @@ impl Training for Trainer<'_> {
                 } else if draw < config.foreign + config.scaled {
                     real = anchors::scaled(&real, SCALES[0] + (SCALES[1] - SCALES[0]) * random.unit() as f32);
                     *wanted = Wanted::Far;
-                } else if self.teacher.is_some() && random.unit() < GUIDED {
+                } else if self.teacher.is_some() && random.unit() < config.guided {
                     *wanted = Wanted::Guided;
                 }
                 if *wanted == Wanted::Far {
@@ -271,7 +269,7 @@ impl Training for Trainer<'_> {
                     let Labelled { example, clean, .. } = labelled;
                     example.z = clean.iter().map(|c| self.metric.corrupt(*c, example.t, &mut random)).collect();
                 }
-                if self.teacher.is_some() && *wanted != Wanted::Clean {
+                if config.guided > 0.0 && self.teacher.is_some() && *wanted != Wanted::Clean {
                     labelled.example.strength = strength(&mut random);
                 }
             }

@@ -80,7 +80,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", default_value = "docs/phrases.toml")]
     pub phrases: PathBuf,
     /// Dataset file.
-    #[arg(long, value_name = "FILE", default_value = "data/pack.mds")]
+    #[arg(long, value_name = "FILE", default_value = "data/pack2.mds")]
     pub data: PathBuf,
     /// The evaluator's checkpoint.
     #[arg(long, value_name = "FILE", default_value = "models/evaluator.safetensors")]

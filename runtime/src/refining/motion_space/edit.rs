@@ -59,6 +59,8 @@ impl Point {
     const NONE: Self = Point { frame: 0, tall: false, part: Part::Body, soft: 1.0, loose: 0.0 };
 }
 
+/// Whether there may be tracks: no request has them yet, so firmware does not link what they take.
+const TRACKED: bool = cfg!(feature = "internals");
 /// A mark of a frame with an anchor, outside of stances.
 const ANCHORED: u8 = 1;
 /// A stance is not held more loosely than this, of [`HELD`].
@@ -96,13 +98,13 @@ impl<'a> Tracks<'a> {
     }
 
     fn parts(&self) -> &[Part] {
-        part!(self.parts, ..self.count)
+        if TRACKED { part!(self.parts, ..self.count) } else { &[] }
     }
 
     /// The ways of a track, or of the root, `[T]`; empty where there are no tracks.
     pub(super) fn ways(&self, who: Option<usize>) -> &[Vector] {
         let first = who.map_or(0, |index| 1 + index) * self.frames;
-        self.ways.get(first..first + self.frames).unwrap_or_default()
+        if TRACKED { self.ways.get(first..first + self.frames).unwrap_or_default() } else { &[] }
     }
 
     /// The same to be written.
@@ -338,7 +340,9 @@ impl<'a> Edit<'a> {
     }
 
     /// The own way at a frame of those parts for which `which` holds, metres.
-    pub fn way(&self, frame: usize, which: impl Fn(Part) -> bool) -> Vector {
+    // One of it for all parts: it is asked for in many places.
+    #[inline(never)]
+    pub fn way(&self, frame: usize, which: &dyn Fn(Part) -> bool) -> Vector {
         let mut sum = [0.0; 3];
         for (point, own) in self.points().iter().zip(self.own.iter()) {
             if which(point.part) {

@@ -143,9 +143,7 @@ pub fn solve(
         let mut tally = Tally::new(frame_rate);
         for (frame, pose) in poses.iter_mut().enumerate() {
             let moved = edit.apply(pose, frame);
-            // Poses that only a broken blob gives, kilometres away, stay as they are.
-            if moved.as_flattened().iter().all(|value| value.is_finite()) {
-                tally.add(pose, &moved);
+            if tally.add(pose, &moved) {
                 *pose = moved;
             }
         }
@@ -282,7 +280,7 @@ impl Solver<'_, '_> {
         for t in 1..self.poses.len() {
             let path = subtract(edit.shift(t), edit.shift(t - 1));
             let along = |part| {
-                let way = |frame| edit.way(frame, |other| other == part);
+                let way = |frame| edit.way(frame, &|other| other == part);
                 add(path, subtract(way(t), way(t - 1)))
             };
             // Where the path itself is fast, the anchors near by pull at it, or, where there are none, those before and behind.

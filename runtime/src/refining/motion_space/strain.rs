@@ -4,8 +4,8 @@ use crate::JOINTS;
 use crate::numerics::vector::{Vector, dot, subtract};
 use crate::representation::Pose;
 
-/// The logarithm of how many times faster, or slower, the pelvis goes over the floor on average, of which a warning is given: three times.
-const FASTER: f32 = 1.0986;
+/// How many times faster, or slower, the pelvis goes over the floor on average, of which alone a warning is given.
+const FASTER: f32 = 3.0;
 /// Speed that is added to both, metres a second: who stands may sway.
 const SWAY: f32 = 0.15;
 /// Distance of joints from where they were generated, as the pelvis sees them, root of the mean square, of which a warning is given, metres.
@@ -53,14 +53,19 @@ impl Tally {
         Tally { frame_rate: f32::from(frame_rate), frames: 0.0, apart: 0.0, before: None, ways: [0.0; 2] }
     }
 
-    /// Adds the next frame, as generated and as edited.
-    pub fn add(&mut self, generated: &Pose, edited: &Pose) {
+    /// Adds the next frame, as generated and as edited; not where one of them is beyond all measure, which only a broken blob's are.
+    pub fn add(&mut self, generated: &Pose, edited: &Pose) -> bool {
         let roots = [generated, edited].map(|pose| pose.first().copied().unwrap_or_default());
         let [was, is] = roots;
+        let mut apart = 0.0;
         for (a, b) in generated.iter().zip(edited) {
             let moved = subtract(subtract(*b, is), subtract(*a, was));
-            self.apart += dot(moved, moved);
+            apart += dot(moved, moved);
         }
+        if !apart.is_finite() {
+            return false;
+        }
+        self.apart += apart;
         if let Some(before) = self.before {
             for (way, (root, before)) in self.ways.iter_mut().zip(roots.iter().zip(before)) {
                 let [x, _, z] = subtract(*root, before);
@@ -69,13 +74,15 @@ impl Tally {
         }
         self.before = Some(roots);
         self.frames += 1.0;
+        true
     }
 
     /// The strain of all of them.
     pub fn value(&self) -> f32 {
         let steps = if self.frames > 1.0 { self.frames - 1.0 } else { 1.0 };
         let [was, is] = self.ways.map(|way| way * self.frame_rate / steps + SWAY);
-        let faster = libm::logf(is / was) / FASTER;
+        let times = if is > was { is / was } else { was / is };
+        let faster = (times - 1.0) / (FASTER - 1.0);
         let frames = if self.frames > 0.0 { self.frames } else { 1.0 };
         let apart = self.apart / (frames * JOINTS as f32 * APART * APART);
         libm::sqrtf(faster * faster + apart)

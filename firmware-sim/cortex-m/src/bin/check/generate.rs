@@ -87,7 +87,13 @@ pub fn serve(
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
-        let request = black_box(Request { source, anchors: list, refinement: black_box(Some(Config::DEFAULT)), planning, bones: Bones::Model });
+        let request = black_box(Request {
+            source,
+            anchors: list,
+            refinement: black_box(Some(Config::DEFAULT)),
+            planning,
+            bones: Bones::Model,
+        });
         hash ^= stream(&mut generator, &limits, &request)?;
     }
     Ok(hash)
