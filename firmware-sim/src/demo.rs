@@ -180,13 +180,15 @@ impl Cmd {
         let started = Instant::now();
         let decoded = DecodePath::<f32>::new(&checkpoint)?.forward(&after.u).joints;
         let mut reference = rigid(&model, &decoded);
+        // In front of the edit, where a stance that one of the two sees and the other does not would count as a difference.
+        let plain = session::run(&model, &Request::embeddings(&after.u).unrefined(), |_| ())?;
+        let mut agreement = Agreement::default();
+        agreement.add(&source.name, &plain.joints, &reference);
         let refined = config.filter(|config| refines(*config, &source.anchors));
         if let Some(exact) = refined.and_then(|config| config.exact) {
             reference = edited(&reference, &source.anchors, exact, model.frame_rate());
         }
         let reference_ms = started.elapsed().as_secs_f64() * 1e3;
-        let mut agreement = Agreement::default();
-        agreement.add(&source.name, &after.joints, &reference);
         let Some(agreement) = agreement.clips.first() else { bail!("the motion has no frames") };
 
         let played = self.play(&robot, &model, &source, config, after)?;

@@ -84,7 +84,7 @@ pub struct Report {
     pub foot_speed: f64,
     /// `||u - u0||_F`, the correction's size in embedding space.
     pub du: f64,
-    /// Root-aligned distance from the f32 reference decoding the same `u`, mean, millimetres.
+    /// Root-aligned distance, in front of the edit, from the f32 reference decoding the same `u`, mean, millimetres.
     pub reference_mean_mm: f64,
     /// Largest.
     pub reference_max_mm: f64,

@@ -152,7 +152,7 @@ fn each_stage_can_be_left_out() {
     assert_eq!((error(&controlled, "before"), &controlled["du"]), (error(&controlled, "after"), &0.0.into()));
     assert!(!text.contains("refined"), "{text}");
 
-    // Edited behind the decoder: no evaluation of it, every anchor met, and the reference edits alike.
+    // Edited behind the decoder: no evaluation of it, and every anchor met.
     let (exact, text) = made(&["--refinement", "exact"]);
     assert_eq!((&exact["decoder_evaluations"], &exact["du"]), (&0.into(), &0.0.into()), "{exact}");
     assert!(error(&exact, "after") < 0.1 && error(&exact, "before") > 1.0, "{exact}");
@@ -270,10 +270,10 @@ fn the_viewers_charts_are_reached_and_read_by_keyboard() {
         [1; 4],
         "{seen}"
     );
-    // Three tokens of four frames, and a step up from the last of ten.
+    // Three tokens of four frames, and a step up from the last of five.
     assert_eq!((&seen["tokenFirst"][0], &seen["tokenThird"][0]), (&0.into(), &12.into()), "{seen}");
-    assert!(text(&seen["tokenFirst"][1]).starts_with("step 9, token 0 (0.0 s): code "), "{seen}");
-    assert!(text(&seen["tokenThird"][1]).starts_with("step 8, token 3 (0.6 s): code "), "{seen}");
+    assert!(text(&seen["tokenFirst"][1]).starts_with("step 4, token 0 (0.0 s): code "), "{seen}");
+    assert!(text(&seen["tokenThird"][1]).starts_with("step 3, token 3 (0.6 s): code "), "{seen}");
     assert_eq!((&seen["tokenLast"][0], &seen["tokenHandled"]), (&(frames - 4).into(), &true.into()), "{seen}");
     assert!(text(&seen["servos"][0]).starts_with("waist yaw,") && text(&seen["servos"][1]).starts_with("waist pitch,"));
     assert_eq!((&seen["servoTime"][0], &seen["servoHome"]), (&42.into(), &0.into()), "{seen}");

@@ -71,7 +71,7 @@ fn a_motion_comes_with_its_tokens_and_what_was_understood() {
         let (planned, hash) = (motion.tokens().to_vec(), motion.hash());
         let again = generator.generate(&Request::tokens(&planned).unrefined(), &mut ()).unwrap();
         assert_eq!((again.hash(), again.tokens(), again.words()), (hash, planned.as_slice(), 0));
-        let embedded = generator.generate(&Request::embeddings(&u), &mut ()).unwrap();
+        let embedded = generator.generate(&Request::embeddings(&u).unrefined(), &mut ()).unwrap();
         assert_eq!((embedded.hash(), embedded.tokens()), (hash, [].as_slice()));
         let bank = generator.generate(&Request::bank("wave").seed(5), &mut ()).unwrap();
         assert_eq!((bank.words(), bank.unknown_words()), (3, 0));

@@ -295,8 +295,12 @@ impl Solver<'_, '_> {
                 };
                 blame(pullers, path, &|_| true);
             }
-            for point in edit.points().iter().filter(|point| point.part != Part::Body) {
-                blame((t, t), along(point.part), &|part| part == point.part);
+            for (index, point) in edit.points().iter().enumerate() {
+                // Each part once, whatever the number of its anchors.
+                let mut earlier = edit.points().iter().take(index);
+                if point.part != Part::Body && earlier.all(|other| other.part != point.part) {
+                    blame((t, t), along(point.part), &|part| part == point.part);
+                }
             }
             for side in [Side::Left, Side::Right] {
                 let put = add(along(Part::Ankle(side)), subtract(edit.put(side, t), edit.put(side, t - 1)));
