@@ -240,8 +240,17 @@ fn numbers_of_errors_stay_what_they_were() {
 fn storage_must_be_opened_and_not_copied() {
     let mut model: Box<mtn_model> = zeroed();
     assert_eq!(open(&mut model, &BLOB), FINE);
-    let limits =
-        mtn_limits { frames: 60, words: 8, anchors: 2, steps: 5, evaluations: 20, exact: 0, free_feet: 0, guidance: 2.0, rows: 0 };
+    let limits = mtn_limits {
+        frames: 60,
+        words: 8,
+        anchors: 2,
+        steps: 5,
+        evaluations: 20,
+        exact: 0,
+        free_feet: 0,
+        guidance: 2.0,
+        rows: 0,
+    };
     let mut plan: Box<mtn_plan> = zeroed();
     // SAFETY: everything is valid, `copy` holds the bits of an opened model.
     unsafe {
@@ -267,8 +276,17 @@ fn the_plan_is_what_a_request_takes() {
         let planned = unsafe { mtn_model_plan(&*model, &limits, &mut *plan) };
         if planned == FINE { Ok(*plan) } else { Err(planned) }
     };
-    let limits =
-        mtn_limits { frames: 32, words: 0, anchors: 2, steps: 0, evaluations: 20, exact: 0, free_feet: 0, guidance: 0.0, rows: 0 };
+    let limits = mtn_limits {
+        frames: 32,
+        words: 0,
+        anchors: 2,
+        steps: 0,
+        evaluations: 20,
+        exact: 0,
+        free_feet: 0,
+        guidance: 0.0,
+        rows: 0,
+    };
     let plan = plan_of(limits).unwrap();
     assert_eq!(plan.planning_macs, 0);
     let anchors = [ROOT, WRIST];
