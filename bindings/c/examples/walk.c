@@ -34,7 +34,7 @@ static void print_cm(const char *what, float metres) {
 int main(void) {
     if (failed("model", mtn_model_open(&model, model_blob, (size_t)(model_blob_end - model_blob)))) return 1;
 
-    const mtn_limits limits = {.frames = 60, .words = 8, .anchors = 2, .steps = 5, .evaluations = 20, .guidance = 2.0f};
+    const mtn_limits limits = {.frames = 60, .words = 8, .anchors = 2, .steps = 5, .exact = 1, .guidance = 2.0f};
     mtn_plan plan;
     if (failed("plan", mtn_model_plan(&model, &limits, &plan))) return 1;
     printf("plan: %u bytes of arena, %u million multiply-accumulates\n", (unsigned)plan.arena_bytes,
@@ -47,7 +47,7 @@ int main(void) {
         {.frame = 50, .family = MTN_FAMILY_JOINT, .joint = MTN_JOINT_RIGHT_WRIST, .position = {-0.2f, 1.4f, 2.8f}},
     };
     mtn_request request = mtn_request_default();
-    request.text = "a person walks forward and waves";
+    request.text = "a person walks forward";
     request.frames = 60;
     request.steps = 5;
     request.seed = 7;

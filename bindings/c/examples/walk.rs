@@ -37,20 +37,23 @@ fn main() -> Result<(), Box<dyn Error>> {
     let planning = Some(PlanningLimits { words: 8, steps: 5, guided: true, anchors: true });
     let plan = Plan::for_request(
         &model,
-        &Limits { tokens: 15, anchors: 2, refinement: Config::fast(20), planning, rows: motionette::ROWS },
+        &Limits { tokens: 15, anchors: 2, refinement: Config::default(), planning, rows: motionette::ROWS },
     )?;
     println!("plan: {} bytes of arena, {} million multiply-accumulates", plan.arena_bytes, plan.macs / 1_000_000);
 
     let mut arena = vec![0; plan.arena_bytes + 15];
-    let mut generator = Generator::new(model, &mut arena)?;
+    let mut generator = Generator::new(model.clone(), &mut arena)?;
     assert_eq!(generator.self_test()?, Some(true), "self-test");
     let wrist = Joint::RightWrist;
     let anchors = [Anchor::root(30, [0.2, 0.9, 1.6]), Anchor::joint(50, wrist.into(), [-0.2, 1.4, 2.8])];
-    let request = Request::text("a person walks forward and waves").frames(60).steps(5).seed(7).through(&anchors);
+    let request = Request::text("a person walks forward").frames(60).steps(5).seed(7).through(&anchors);
     let mut calls = Calls(0);
     let motion = generator.generate(&request, &mut calls)?;
     let (frames, tokens) = (motion.frames(), motion.tokens().len());
     println!("{} frames, {tokens} tokens, {} calls of progress", frames.len(), calls.0);
+    if let Some(understood) = motion.understood() {
+        println!("understood as: {}", model.in_words(understood));
+    }
     let report = motion.refinement.ok_or("no refinement")?;
     print_cm("control error before refinement", report.before.ok_or("not measured")?.mean);
     print_cm("control error", report.after.ok_or("not measured")?.mean);

@@ -124,8 +124,8 @@ pub fn edited(
 }
 
 /// How far an edit takes a motion `[T]` from what was generated: the length of two numbers, how many times faster or slower the pelvis goes over
-/// the floor on average (.15 m/s added to both; three times is 1, no change 0), and how far joints are from where they were as the pelvis
-/// sees them, root of the mean square, in 17.5 cm.
+/// the floor on average (.15 m/s added to both; 2.7 times is 1, no change 0), and how far joints are from where they were as the pelvis
+/// sees them, root of the mean square, in 15 cm.
 #[must_use]
 pub fn strain(generated: &[[[f64; 3]; JOINTS]], edited: &[[[f64; 3]; JOINTS]], frame_rate: f64) -> f64 {
     let at = |motion: &[[[f64; 3]; JOINTS]], t: usize, joint: usize| Vector::from(motion[t][joint]);
@@ -139,7 +139,7 @@ pub fn strain(generated: &[[[f64; 3]; JOINTS]], edited: &[[[f64; 3]; JOINTS]], f
     };
     let apart = (0..generated.len()).map(apart).sum::<f64>() / (generated.len() * JOINTS) as f64;
     let (was, is) = (speed(generated), speed(edited));
-    (0.5 * ((was / is).max(is / was) - 1.0)).hypot(apart.sqrt() / 0.175)
+    (((was / is).max(is / was) - 1.0) / 1.7).hypot(apart.sqrt() / 0.15)
 }
 
 fn gaussian(x: f64, width: f64) -> f64 {

@@ -5,11 +5,11 @@ use crate::numerics::vector::{Vector, dot, subtract};
 use crate::representation::Pose;
 
 /// How many times faster, or slower, the pelvis goes over the floor on average, of which alone a warning is given.
-const FASTER: f32 = 3.0;
+const FASTER: f32 = 2.7;
 /// Speed that is added to both, metres a second: who stands may sway.
 const SWAY: f32 = 0.15;
 /// Distance of joints from where they were generated, as the pelvis sees them, root of the mean square, of which a warning is given, metres.
-const APART: f32 = 0.175;
+const APART: f32 = 0.15;
 
 /// How much anchors ask of a motion: whether it still does what the prompt says, or glides where it was to wave.
 ///
