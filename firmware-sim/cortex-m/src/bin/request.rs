@@ -57,12 +57,23 @@ fn main() -> ! {
     }
 }
 
-fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
+// Frames of their own, here and below: what is on the stack while motions are made is to be little more than what makes them.
+#[inline(never)]
+fn open(arena: &mut [u8]) -> Result<Generator<'_>, motionette::Error> {
     mark!("1");
     let model = Model::open(&BLOB.0);
     mark!("0");
     let Ok(model) = model else { exit(1) };
-    let mut generator = Generator::new(model, arena)?;
+    Generator::new(model, arena)
+}
+
+fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
+    let mut generator = open(arena)?;
+    standard(&mut generator)
+}
+
+#[inline(never)]
+fn standard(generator: &mut Generator<'_>) -> Result<(), motionette::Error> {
     let anchors = standard_request::anchors();
     let request = standard_request::request().through(&anchors);
     let plan = generator.plan(&request)?;
@@ -94,11 +105,10 @@ fn run(arena: &mut [u8]) -> Result<(), motionette::Error> {
 
     let mut tokens = [0; TOKENS];
     tokens.iter_mut().zip(motion.tokens()).for_each(|(to, from)| *to = *from);
-    edit(&mut generator, &tokens)
+    edit(generator, &tokens)
 }
 
 /// What the edit alone takes: the same tokens without it, and through as many anchors as there may be.
-// Its own frame: the stack of a request was painted before.
 #[inline(never)]
 fn edit(generator: &mut Generator<'_>, tokens: &[u16]) -> Result<(), motionette::Error> {
     let decoded = Request::tokens(tokens).unrefined();
