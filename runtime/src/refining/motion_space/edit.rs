@@ -393,9 +393,9 @@ impl<'a> Edit<'a> {
         for joint in &mut out {
             *joint = add(*joint, shift);
         }
-        let any = |which: &dyn Fn(Part) -> bool| {
-            self.points().iter().any(|point| which(point.part)) || self.tracks.parts().iter().any(|part| which(*part))
-        };
+        let parts = self.points().iter().map(|point| point.part).chain(self.tracks.parts().iter().copied());
+        let present = parts.fold(0, |present, part| present | part.bit());
+        let any = |parts: &[Part]| parts.iter().any(|part| present & part.bit() != 0);
         let way = |which: &dyn Fn(Part) -> bool| self.way(frame, which);
         let forward = forward(&out);
         let at = |out: &Pose, joint: usize| out.get(joint).copied().unwrap_or_default();
@@ -405,20 +405,19 @@ impl<'a> Edit<'a> {
             }
         };
         for (side, [hip, knee, ankle, toe]) in [(Side::Left, [1, 4, 7, 10]), (Side::Right, [2, 5, 8, 11])] {
-            let of_leg = |part| part == Part::Ankle(side) || part == Part::Knee(side) || part == Part::Toes(side);
-            if !self.planted && !any(&of_leg) {
+            if !self.planted && !any(&[Part::Ankle(side), Part::Knee(side), Part::Toes(side)]) {
                 continue;
             }
             let sole = subtract(at(&out, toe), at(&out, ankle));
             let target = add(add(at(&out, ankle), self.put(side, frame)), way(&|part| part == Part::Ankle(side)));
             let limb = Limb { root: at(&out, hip), middle: at(&out, knee), end: at(&out, ankle) };
             let mut limb = limb.reaching(target, scale(forward, POLE));
-            if any(&|part| part == Part::Knee(side)) {
+            if any(&[Part::Knee(side)]) {
                 limb = limb.bending(add(limb.middle, way(&|part| part == Part::Knee(side))));
             }
             set(&mut out, knee, limb.middle);
             set(&mut out, ankle, limb.end);
-            let turned = match any(&|part| part == Part::Toes(side)) {
+            let turned = match any(&[Part::Toes(side)]) {
                 true => along(add(sole, way(&|part| part == Part::Toes(side))), sole),
                 false => sole,
             };
@@ -426,7 +425,7 @@ impl<'a> Edit<'a> {
         }
         for joint in UPPER {
             let lean = |part| part == Part::Lean(joint as u8);
-            if !any(&lean) {
+            if !any(&[Part::Lean(joint as u8)]) {
                 continue;
             }
             let pelvis = at(&out, 0);
@@ -439,7 +438,7 @@ impl<'a> Edit<'a> {
             }
         }
         let neck = |joint| move |part| part == Part::Neck(joint);
-        if any(&neck(12)) || any(&neck(15)) {
+        if any(&[Part::Neck(12), Part::Neck(15)]) {
             let limb = Limb { root: at(&out, 9), middle: at(&out, 12), end: at(&out, 15) };
             let limb = limb.reaching(add(limb.end, way(&neck(15))), scale(forward, -POLE));
             let limb = limb.bending(add(limb.middle, way(&neck(12))));
@@ -450,7 +449,7 @@ impl<'a> Edit<'a> {
             [(Side::Left, [13, 16, 18, 20]), (Side::Right, [14, 17, 19, 21])]
         {
             let bone = |joint: usize| move |part| part == Part::Collar(side, joint as u8);
-            if any(&bone(collar)) || any(&bone(shoulder)) {
+            if any(&[Part::Collar(side, collar as u8), Part::Collar(side, shoulder as u8)]) {
                 let limb = Limb { root: at(&out, 9), middle: at(&out, collar), end: at(&out, shoulder) };
                 let moved = limb.reaching(add(limb.end, way(&bone(shoulder))), [0.0; 3]);
                 let moved = moved.bending(add(moved.middle, way(&bone(collar))));
@@ -461,11 +460,11 @@ impl<'a> Edit<'a> {
                     set(&mut out, joint, place);
                 }
             }
-            if any(&|part| part == Part::Wrist(side) || part == Part::Elbow(side)) {
+            if any(&[Part::Wrist(side), Part::Elbow(side)]) {
                 let limb = Limb { root: at(&out, shoulder), middle: at(&out, elbow), end: at(&out, wrist) };
                 let target = add(limb.end, way(&|part| part == Part::Wrist(side)));
                 let mut limb = limb.reaching(target, scale(forward, -POLE));
-                if any(&|part| part == Part::Elbow(side)) {
+                if any(&[Part::Elbow(side)]) {
                     limb = limb.bending(add(limb.middle, way(&|part| part == Part::Elbow(side))));
                 }
                 set(&mut out, elbow, limb.middle);

@@ -73,6 +73,23 @@ impl Part {
         }
     }
 
+    /// A bit of its own for each part.
+    #[must_use]
+    pub const fn bit(self) -> u64 {
+        let place = match self {
+            Part::Body => 0,
+            Part::Lean(joint) => 1 + joint,
+            Part::Neck(joint) => 24 + joint / 15,
+            Part::Collar(_, joint) => 13 + joint,
+            Part::Knee(side) => 32 + side as u8,
+            Part::Ankle(side) => 34 + side as u8,
+            Part::Toes(side) => 36 + side as u8,
+            Part::Elbow(side) => 38 + side as u8,
+            Part::Wrist(side) => 40 + side as u8,
+        };
+        1u64.wrapping_shl(place as u32)
+    }
+
     /// What moves for a joint that has no other beside it.
     pub fn alone(joint: u8) -> Self {
         let anchor = Observed { target: [0.0; 3], frame: 0, index: 0, joint, family: Family::BodyPoint };
@@ -140,5 +157,18 @@ mod tests {
             [Lean(15), Neck(15), Lean(9), Lean(12), Neck(15)]
         );
         assert_eq!(parts(&[(5, 16), (5, 17), (50, 17)]), [Lean(16), Collar(Right, 17), Lean(17)]);
+    }
+
+    #[test]
+    fn every_part_has_a_bit_of_its_own() {
+        use Part::*;
+        use Side::*;
+        let mut all = Vec::from([Body, Neck(12), Neck(15)]);
+        all.extend([3, 6, 9, 12, 13, 14, 15, 16, 17].map(Lean));
+        for side in [Left, Right] {
+            all.extend([Knee(side), Ankle(side), Toes(side), Elbow(side), Wrist(side)]);
+        }
+        all.extend([Collar(Left, 13), Collar(Right, 14), Collar(Left, 16), Collar(Right, 17)]);
+        assert_eq!(all.iter().fold(0u64, |bits, part| bits | part.bit()).count_ones() as usize, all.len());
     }
 }
