@@ -3,7 +3,7 @@
 use core::ffi::c_char;
 
 use motionette::MAX_PROMPT;
-use motionette::refining::{Config, motion_space::Exact};
+use motionette::refining::Config;
 use motionette::{Anchor, AnchorList, Bones, JOINTS, Prompt, Request, Source};
 
 use crate::error::{mtn_error, mtn_result};
@@ -182,7 +182,8 @@ pub(crate) fn refinement(evaluations: u16, exact: u16, free_feet: u16) -> Option
     let config = Config::fast(evaluations);
     match exact {
         0 => (evaluations > 0).then_some(config),
-        _ => Some(Config { exact: Some(Exact { planted: free_feet == 0, ..Exact::DEFAULT }), ..config }),
+        _ if free_feet == 0 => Some(config.exactly()),
+        _ => Some(config.exactly().free_feet()),
     }
 }
 

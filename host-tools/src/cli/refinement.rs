@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use motionette::refining::{Activity, Basis, Config, Exact, Method};
+use motionette::refining::{Activity, Basis, Config, Method};
 
 /// Behind a name: of its edit, feet do not stay where they stand.
 const FREE_FEET: &str = ":free-feet";
@@ -44,16 +44,16 @@ impl FromStr for Refinement {
             return Ok(Refinement(None));
         }
         let (edited, planted) = text.strip_suffix(FREE_FEET).map_or((text, true), |text| (text, false));
-        let exact = Some(Exact { planted, ..Exact::DEFAULT });
+        let with_feet = |config: Config| if planted { config } else { config.free_feet() };
         if edited == "exact" {
-            return Ok(Refinement(Some(Config { exact, ..Config::exact() })));
+            return Ok(Refinement(Some(with_feet(Config::exact()))));
         }
         if let Some(budget) = edited.strip_prefix("fast:") {
             let (budget, both) = budget.strip_suffix("+exact").map_or((budget, false), |budget| (budget, true));
             let budget =
                 budget.parse().ok().filter(|n| (1..=10_000).contains(n) && (both || planted)).ok_or_else(bad)?;
             let config = Config::fast(budget);
-            return Ok(Refinement(Some(if both { Config { exact, ..config } } else { config })));
+            return Ok(Refinement(Some(if both { with_feet(config.exactly()) } else { config })));
         }
         let (steps, ablation) = text
             .strip_prefix("rs")

@@ -1,6 +1,6 @@
 //! How a motion is bent onto its anchors, on the wire.
 
-use motionette::refining::{Config, Exact};
+use motionette::refining::Config;
 use serde::{Deserialize, Serialize};
 
 /// A refinement method: a number, so that a device can say which one it does not know.
@@ -41,10 +41,7 @@ impl Refinement {
             Self::NONE => None,
             Self::PUBLISHED => Some(Config { evaluations, ..Config::published(0) }),
             Self::FAST => Some(Config::fast(evaluations)),
-            Self::EXACT_FREE_FEET => {
-                let exact = Some(Exact { planted: false, ..Exact::DEFAULT });
-                Some(Config { exact, ..Config::fast(evaluations) })
-            }
+            Self::EXACT_FREE_FEET => Some(Config::fast(evaluations).exactly().free_feet()),
             _ => Some(Config::fast(evaluations).exactly()),
         }
     }

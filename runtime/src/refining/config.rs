@@ -180,6 +180,15 @@ impl Config {
         Self { exact: Some(Exact::DEFAULT), ..self }
     }
 
+    /// The same edit in motion space with feet that do not stay where they stand.
+    #[must_use]
+    pub const fn free_feet(self) -> Self {
+        match self.exact {
+            Some(exact) => Self { exact: Some(Exact { planted: false, ..exact }), ..self },
+            None => self,
+        }
+    }
+
     /// Whether token embeddings are bent at all.
     pub(crate) const fn bends(&self) -> bool {
         self.evaluations > 0 || self.exact.is_none()

@@ -16,8 +16,7 @@ use crate::representation::Pose;
 use crate::request::conditions::AnchorSet;
 use heapless::Vec;
 
-/// Most joints with rows.
-pub const TRACKS: usize = 6;
+pub use super::edit::TRACKS;
 /// Repetitions at most.
 const ROUNDS: u16 = 8;
 /// And at least: soft rows are never met.
@@ -183,7 +182,7 @@ struct Pass {
     side: Vector,
 }
 
-/// Where obstacles are in the way. More than [`PASSES`] are passed each joint its own way.
+/// Where obstacles are in the way, the first [`PASSES`] times.
 fn passes(poses: &[Pose], rows: &Rows<'_>) -> Vec<Pass, PASSES> {
     let mut passes = Vec::new();
     for (number, obstacle) in rows.obstacles.iter().enumerate() {
@@ -200,7 +199,7 @@ fn passes(poses: &[Pose], rows: &Rows<'_>) -> Vec<Pass, PASSES> {
             }
             if t > first {
                 let side = side(rows, &inside, (first, t - 1));
-                // One more than there is room for is passed each joint its own way.
+                // One more than there is room for is passed as that obstacle's nearest pass, or straight away from it.
                 let _ = passes.push(Pass { obstacle: number, first, last: t - 1, side });
             }
             t += 1;

@@ -1,7 +1,6 @@
 //! What is added to a motion, and the motion that comes of it.
 
 use super::covariance::Covariance;
-use super::dense::TRACKS;
 use super::parts::{Part, Side};
 use super::stances::{HELD, fill, mark, next_run};
 use crate::memory::{Arena, ArenaTooSmall};
@@ -59,6 +58,8 @@ impl Point {
     const NONE: Self = Point { frame: 0, tall: false, part: Part::Body, soft: 1.0, loose: 0.0 };
 }
 
+/// Most joints with rows at every frame.
+pub const TRACKS: usize = 6;
 /// Whether there may be tracks: no request has them yet, so firmware does not link what they take.
 const TRACKED: bool = cfg!(feature = "internals");
 /// A mark of a frame with an anchor, outside of stances.
@@ -93,6 +94,7 @@ impl<'a> Tracks<'a> {
     }
 
     /// The part of a track.
+    #[cfg(feature = "internals")]
     pub(super) fn part(&self, index: usize) -> Part {
         self.parts.get(index).copied().unwrap_or(Part::Body)
     }
@@ -108,6 +110,7 @@ impl<'a> Tracks<'a> {
     }
 
     /// The same to be written.
+    #[cfg(feature = "internals")]
     pub(super) fn ways_mut(&mut self, who: Option<usize>) -> &mut [Vector] {
         let first = who.map_or(0, |index| 1 + index) * self.frames;
         self.ways.get_mut(first..first + self.frames).unwrap_or_default()

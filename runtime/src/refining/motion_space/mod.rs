@@ -9,7 +9,8 @@
 //! - `covariance`: how edits at different frames go together.
 //! - `cholesky`: the linear systems.
 //! - `smoother`: the same for dense tracks, in time that grows with the frames alone.
-//! - `dense`, `obstacles`: rows at any number of frames, of where joints are and where they are not.
+//! - `dense`, `obstacles`: rows at any number of frames, of where joints are and where they are not. These and the smoother are for
+//!   tests and tools, until requests have such rows.
 //! - `stances`: when feet stand, and how offsets go from one stance to the next.
 //! - `parts`: which part of the body moves for which anchor.
 //! - `strain`: how far the edit takes a motion from what was generated.
@@ -21,10 +22,13 @@
 
 mod cholesky;
 mod covariance;
+#[cfg(feature = "internals")]
 pub mod dense;
 mod edit;
+#[cfg(feature = "internals")]
 pub mod obstacles;
 mod parts;
+#[cfg(feature = "internals")]
 pub mod smoother;
 mod stances;
 mod strain;

@@ -5,7 +5,9 @@
 //! and the other gets what is left: toes turn about their ankle, neck and head about the upper spine, a shoulder at the end of its
 //! collar bone.
 
-use crate::request::conditions::{Family, Observed};
+#[cfg(feature = "internals")]
+use crate::request::conditions::Family;
+use crate::request::conditions::Observed;
 
 /// Anchors of the trunk are of one moment when they are no farther apart than this, frames.
 const TRUNK_MOMENT: u16 = 12;
@@ -91,6 +93,7 @@ impl Part {
     }
 
     /// What moves for a joint that has no other beside it.
+    #[cfg(feature = "internals")]
     pub fn alone(joint: u8) -> Self {
         let anchor = Observed { target: [0.0; 3], frame: 0, index: 0, joint, family: Family::BodyPoint };
         Self::of(&anchor, core::iter::empty())
