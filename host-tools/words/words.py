@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MAX_WORD = 32
 SIDES = ("left", "right")
 KINDS = ("do", "thing", "say")
-STYLE_KINDS = ("adverb", "adjective", "manner", "lead", "person")
+STYLE_KINDS = ("adverb", "adjective", "manner", "lead", "person", "walk")
 # Endings that a word may lose for another, in order: runtime/src/text/words.rs.
 ENDINGS = [("'s", ""), ("s", ""), ("es", ""), ("ies", "y"), ("ing", ""), ("ing", "e"), ("ing", "s"), ("ed", ""), ("ed", "e"), ("ed", "s"),
            ("", "s"), ("", "es"), ("", "ing")]
@@ -145,10 +145,13 @@ class Phrases:
         """One sentence; `only`: a (kind, template) instead of one drawn. Mirrors import/phrases, without misspellings."""
         entry = self.actions[action]
         usable = lambda t: side in SIDES or not re.search("{(side|other|clock)}", t)
+        own = self.styles[style]["walk"] if style and action == "walk" and not only and rng.random() < 1 / 3 else []
         if only:
             kind, template = only
+        elif own:
+            kind, template, style = "do", rng.choice(own), None
         else:
-            kind = rng.choice(["do"] * 3 + ["thing", "say"])
+            kind = rng.choice(["do", "do", "thing", "say", "say"])
             kind = kind if any(map(usable, entry[kind])) else "do"
             template = rng.choice([t for t in entry[kind] if usable(t)])
         while True:

@@ -16,7 +16,7 @@ use crate::blob::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::prior::{self, NormOrder, SPECIAL, WordRows, WordVectors};
 use crate::checkpoint::words::hash;
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
-use crate::motion::{quaternion, uniform};
+use crate::motion::uniform;
 
 /// Seed of the self-test's tokens.
 const SELF_TEST_SEED: u32 = 1;
@@ -150,26 +150,9 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
     Ok(blob::write(&manifest, tensors)?)
 }
 
-/// Where bones of pelvis and chest point at rest, by the joints at their ends: means of the training motions, left and right alike.
-/// HumanML3D has them flat, as no body is: hips level with the pelvis, shoulders 13 cm lower.
-const MEASURED: [(usize, [f64; 3]); 6] = [
-    (1, [0.88, -0.40, 0.0]),
-    (2, [-0.88, -0.40, 0.0]),
-    (3, [0.0, 1.0, 0.0]),
-    (12, [0.0, 1.0, 0.0]),
-    (13, [0.57, 0.79, -0.03]),
-    (14, [-0.57, 0.79, -0.03]),
-];
-
-/// The body that moves, as a manifest holds it: HumanML3D's bones, to whose lengths every motion was brought before training, with pelvis
-/// and chest as they were measured.
+/// The body that moves, as a manifest holds it: [`uniform::body`].
 pub(super) fn skeleton_bytes() -> [u8; SKELETON_BYTES] {
-    let mut offsets = uniform::rest_offsets();
-    for (joint, way) in MEASURED {
-        let bone = quaternion::length(offsets[joint]) / quaternion::length(way);
-        offsets[joint] = quaternion::scale(way, bone);
-    }
-    let mut bytes = offsets.into_iter().flatten().flat_map(|v| (v as f32).to_le_bytes());
+    let mut bytes = uniform::body().into_iter().flatten().flat_map(|v| (v as f32).to_le_bytes());
     std::array::from_fn(|_| bytes.next().unwrap_or_default())
 }
 

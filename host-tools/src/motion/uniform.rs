@@ -20,6 +20,28 @@ pub fn rest_offsets() -> [Vector; JOINTS] {
     std::array::from_fn(|joint| q::scale(skeleton::REST_DIRECTIONS[joint], BONE_LENGTHS[joint]))
 }
 
+/// Where bones of pelvis and chest point at rest, by the joints at their ends: means of the training motions, left and right alike.
+/// HumanML3D has them flat, as no body is: hips level with the pelvis, shoulders 13 cm lower.
+const MEASURED: [(usize, [f64; 3]); 6] = [
+    (1, [0.88, -0.40, 0.0]),
+    (2, [-0.88, -0.40, 0.0]),
+    (3, [0.0, 1.0, 0.0]),
+    (12, [0.0, 1.0, 0.0]),
+    (13, [0.57, 0.79, -0.03]),
+    (14, [-0.57, 0.79, -0.03]),
+];
+
+/// Offset of each joint from its parent at rest, metres, of the body that our models move: HumanML3D's bones, to whose lengths every motion was
+/// brought before training, with pelvis and chest as they were measured.
+#[must_use]
+pub fn body() -> [Vector; JOINTS] {
+    let mut offsets = rest_offsets();
+    for (joint, way) in MEASURED {
+        offsets[joint] = q::scale(way, q::length(offsets[joint]) / q::length(way));
+    }
+    offsets
+}
+
 /// Gives `[T][22][3]` motion (metres, f64) the target's bone lengths.
 ///
 /// The root path is scaled by the ratio of leg lengths (thigh + shank, source measured in the first frame), every bone keeps its direction.

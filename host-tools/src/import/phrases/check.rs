@@ -89,6 +89,9 @@ impl Phrases {
             for template in style.templates() {
                 known(template, &[])?;
             }
+            if let Some(template) = style.walk.iter().find(|template| !template.contains('*')) {
+                return fail(template, "no verb is marked with *");
+            }
         }
         Ok(())
     }

@@ -52,6 +52,8 @@ struct Style {
     manner: Vec<String>,
     lead: Vec<String>,
     person: Vec<String>,
+    /// Verb phrases that say walking and the style in one.
+    walk: Vec<String>,
 }
 
 /// Ways to say an action.
@@ -65,6 +67,10 @@ struct Action {
 const DO: usize = 0;
 const THING: usize = 1;
 const SAY: usize = 2;
+/// The action of which a style may have verbs of its own.
+const WALK: &str = "walk";
+/// One in so many sentences about walking in such a style has one of them.
+const OWN_VERB: u32 = 3;
 
 /// All phrases.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -205,10 +211,14 @@ impl Phrases {
             Some(name) => Some(self.styles.iter().find(|style| style.name == name)?),
             None => None,
         };
-        let kind = *pick(stream, &[DO, DO, DO, THING, SAY]);
-        let kind = if action.usable(kind, side).is_empty() { DO } else { kind };
+        let own = style.filter(|style| action.name == WALK && !style.walk.is_empty() && stream.below(OWN_VERB) == 0);
+        let kind = *pick(stream, &[DO, DO, THING, SAY, SAY]);
+        let kind = if own.is_some() || action.usable(kind, side).is_empty() { DO } else { kind };
         let usable = action.usable(kind, side);
-        let template = *pick(stream, &usable);
+        let (template, style) = match own {
+            Some(own) => (pick(stream, &own.walk).as_str(), None),
+            None => (*pick(stream, &usable), style),
+        };
         loop {
             let frame = match kind {
                 SAY if template.contains("{end}") => template.to_owned(),
@@ -261,7 +271,7 @@ impl Phrases {
 
 impl Style {
     fn templates(&self) -> impl Iterator<Item = &String> {
-        [&self.adverb, &self.adjective, &self.manner, &self.lead, &self.person].into_iter().flatten()
+        [&self.adverb, &self.adjective, &self.manner, &self.lead, &self.person, &self.walk].into_iter().flatten()
     }
 }
 

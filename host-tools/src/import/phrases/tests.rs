@@ -63,7 +63,7 @@ fn words_of_an_action_are_those_of_its_sentences() {
         }
     }
     let run = shipped.words("run");
-    assert!(["run", "runs", "running", "ran"].iter().all(|form| run.contains(*form)) && !run.contains("side"));
+    assert!(["run", "runs", "running", "ran"].iter().all(|form| run.contains(*form)) && !run.contains("themself"));
     assert!(phrases.words("amble").is_empty());
 }
 

@@ -58,6 +58,8 @@ pub struct Style {
     pub manner: String,
     pub lead: String,
     pub person: String,
+    #[serde(default)]
+    pub walk: String,
 }
 
 #[derive(Deserialize)]
@@ -79,9 +81,10 @@ impl From<Group> for super::Group {
 
 impl From<Style> for super::Style {
     fn from(style: Style) -> Self {
-        let [adverb, adjective, manner, lead, person] =
-            [&style.adverb, &style.adjective, &style.manner, &style.lead, &style.person].map(|text| lines(text));
-        super::Style { name: style.name, accept: style.accept, adverb, adjective, manner, lead, person }
+        let [adverb, adjective, manner, lead, person, walk] =
+            [&style.adverb, &style.adjective, &style.manner, &style.lead, &style.person, &style.walk]
+                .map(|text| lines(text));
+        super::Style { name: style.name, accept: style.accept, adverb, adjective, manner, lead, person, walk }
     }
 }
 

@@ -1,7 +1,8 @@
 //! The one road from joints to features, and the changes of a motion that leave its meaning alone.
 
 use motionette_host::motion::features::{Bones, Error, Options, Processed, process};
-use motionette_host::motion::{Pose, skeleton};
+use motionette_host::motion::{Pose, skeleton, uniform};
+use motionette_host::reference::rigid::Body;
 
 use super::config::MAX_FRAMES;
 
@@ -9,13 +10,21 @@ use super::config::MAX_FRAMES;
 const FADE: usize = 8;
 
 /// Joints moved to the floor and the origin, and their features (EQUATIONS section 1), of the first [`MAX_FRAMES`] frames; one row
-/// fewer than frames. Bone lengths stay as they are.
+/// fewer than frames. Everybody has the rigid bones of [`uniform::body`]: a judge that sees who was recorded with a Kinect by bones that change
+/// their length, or by whose they are, tells actions by that.
 ///
 /// # Errors
 /// [`Error`] when the motion has no features.
 pub fn prepare(joints: &[Pose]) -> Result<Processed, Error> {
     let options = Options { bones: Bones::Keep, ..Options::default() };
-    process(&joints[..joints.len().min(MAX_FRAMES)], &options)
+    process(&rigid(&joints[..joints.len().min(MAX_FRAMES)]), &options)
+}
+
+/// The motion with the bones of [`uniform::body`].
+fn rigid(joints: &[Pose]) -> Vec<Pose> {
+    let wide: Vec<_> = joints.iter().map(|pose| pose.map(|joint| joint.map(f64::from))).collect();
+    let posed = Body::new(&uniform::body()).posed(&wide);
+    posed.into_iter().map(|pose| pose.map(|joint| joint.map(|value| value as f32))).collect()
 }
 
 /// The motion `factor` times as fast, positions interpolated linearly. The last frame is not passed.
