@@ -40,6 +40,9 @@ pub struct Facts {
     pub scored: bool,
     /// How it was recorded.
     pub quality: Quality,
+    /// Whether a Kinect's legs count all the same, because the action is done with them.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub own_legs: bool,
     /// Terms of its source.
     pub licence: String,
     /// Who moved, unique over all collections; unknown where the source does not say.

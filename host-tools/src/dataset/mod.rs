@@ -140,9 +140,10 @@ impl Clip {
         self.facts.as_ref().is_none_or(|facts| facts.scored)
     }
 
-    /// Whether legs and contacts are made up, so that nothing may be learned from them: a Kinect's feet are.
+    /// Whether nothing may be learned from legs and contacts: a Kinect sees legs badly and makes feet up. Where the action is done with
+    /// the legs (a kick, a raised knee), they are all that shows it, and count.
     pub fn synthetic_legs(&self) -> bool {
-        self.facts.as_ref().is_some_and(|facts| facts.quality == Quality::Kinect)
+        self.facts.as_ref().is_some_and(|facts| facts.quality == Quality::Kinect && !facts.own_legs)
     }
 }
 

@@ -78,6 +78,8 @@ pub struct Meaning {
     template: String,
     /// Where the side comes from.
     pub side: SideRule,
+    /// Whether the action is done with the legs.
+    pub legs: bool,
 }
 
 impl Meaning {
@@ -117,6 +119,8 @@ struct Written {
 struct WrittenAction {
     name: Spanned<String>,
     side: Option<SideRule>,
+    #[serde(default)]
+    legs: bool,
     words: Spanned<Vec<String>>,
     #[serde(default)]
     accept: Vec<Spanned<String>>,
@@ -190,7 +194,7 @@ impl Actions {
                         let problem = format!("{raw:?} has no side, which the name {name:?} asks for; give it one");
                         return Err(fail(label.span(), problem));
                     }
-                    let meaning = Meaning { template: name.clone(), side };
+                    let meaning = Meaning { template: name.clone(), side, legs: action.legs };
                     let key = (subset.get_ref().clone(), raw.clone());
                     if let Some(other) = table.labels.insert(key, meaning) {
                         let problem = format!(

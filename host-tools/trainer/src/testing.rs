@@ -165,6 +165,7 @@ pub fn facts() -> Facts {
         style: None,
         scored: true,
         quality: Quality::Optical,
+        own_legs: false,
         licence: "none".into(),
         actor: None,
         known_actor: true,

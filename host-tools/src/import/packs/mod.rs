@@ -292,7 +292,8 @@ fn take(
     let take = text("trial").map_or_else(|| without_window(&clip).to_owned(), str::to_owned);
     let style = text("style").map(str::to_owned);
     let licence = table.subsets.get(&subset).map(|s| s.licence.clone()).unwrap_or_default();
-    let facts = Facts { action, side, style, scored: false, quality, licence, actor, known_actor: true };
+    let own_legs = meaning.legs && quality == Quality::Kinect;
+    let facts = Facts { action, side, style, scored: false, quality, own_legs, licence, actor, known_actor: true };
     Ok(Some(Taken { recording, facts, take: format!("{subset}/{take}"), cut }))
 }
 

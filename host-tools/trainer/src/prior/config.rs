@@ -76,6 +76,9 @@ pub struct Config {
     /// How far rare actions are drawn more often: by their number to the power of minus this; 0 for as often as they come.
     #[serde(default)]
     pub balance: f64,
+    /// The same for rare styles among the motions of an action.
+    #[serde(default)]
+    pub style_balance: f64,
     /// Weight of the cross-entropies of what sentences mean.
     #[serde(default)]
     pub meaning: f32,
@@ -112,6 +115,7 @@ impl Config {
             phrases: 0.75,
             sequences: 0.1,
             balance: 0.5,
+            style_balance: 0.75,
             meaning: 0.05,
             nonsense: 16,
         };
@@ -159,6 +163,7 @@ impl Configuration for Config {
             ("phrases", self.phrases),
             ("sequences", self.sequences),
             ("balance", self.balance),
+            ("style_balance", self.style_balance),
         ] {
             require((0.0..=1.0).contains(&share), field, share, "0 to 1")?;
         }

@@ -72,6 +72,21 @@ struct Place {
     frame: usize,
 }
 
+/// Running sums of counts to the power of 1 - `balance`.
+fn sums(counts: impl Iterator<Item = usize>, balance: f64) -> Vec<f64> {
+    let add = |sum: &mut f64, count: usize| {
+        *sum += (count as f64).powf(1.0 - balance);
+        Some(*sum)
+    };
+    counts.scan(0.0, add).collect()
+}
+
+/// A place in running sums, as often as they say.
+fn place(sums: &[f64], random: &mut Random) -> usize {
+    let at = random.unit() * sums.last().copied().unwrap_or_default();
+    sums.partition_point(|sum| *sum <= at).min(sums.len().saturating_sub(1))
+}
+
 /// What examples are made from.
 pub struct Material<'d> {
     /// Clips.
@@ -108,8 +123,15 @@ pub struct Corpus<'d> {
     /// Motions of the same labels and the same side.
     alike: BTreeMap<(Label<'d>, bool), Vec<usize>>,
     sentences: Sentences,
-    /// Motions by the actions of their clips, twins with them.
-    by_action: Vec<Vec<usize>>,
+    /// Motions by the actions of their clips, and of each by its styles, twins with them.
+    by_action: Vec<Vec<Vec<usize>>>,
+}
+
+/// How often motions are drawn, as running sums.
+struct Shares {
+    actions: Vec<f64>,
+    /// For each action, of its styles.
+    styles: Vec<Vec<f64>>,
 }
 
 impl<'d> Corpus<'d> {
@@ -138,7 +160,7 @@ impl<'d> Corpus<'d> {
         let all: Vec<(usize, bool)> = indices.iter().flat_map(|i| sides.iter().map(|side| (*i, *side))).collect();
         let mut motions = Vec::with_capacity(all.len());
         let mut alike: BTreeMap<(Label<'d>, bool), Vec<usize>> = BTreeMap::new();
-        let mut by_action: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+        let mut by_action: BTreeMap<&str, BTreeMap<&str, Vec<usize>>> = BTreeMap::new();
         for ((clip, mirrored), features) in all.iter().zip(parallel::map(&all, features)) {
             let features = features?;
             let channels = features.chunks_exact(FEATURES).flat_map(|row| &row[..CHANNELS]).copied().collect();
@@ -146,13 +168,15 @@ impl<'d> Corpus<'d> {
             let encode = |first: usize| tokens(tokenizer, &network, &features[first * FEATURES..], &device);
             let phases: Vec<Vec<u16>> = (0..FRAMES_PER_TOKEN).map(encode).filter(|tokens| !tokens.is_empty()).collect();
             // Those that nobody named are a group of their own.
-            by_action.entry(dataset.clips[*clip].action().unwrap_or_default()).or_default().push(motions.len());
-            if let Some(label) = dataset.clips[*clip].label() {
+            let info = &dataset.clips[*clip];
+            let styles = by_action.entry(info.action().unwrap_or_default()).or_default();
+            styles.entry(info.style().unwrap_or_default()).or_default().push(motions.len());
+            if let Some(label) = info.label() {
                 alike.entry((label, *mirrored)).or_default().push(motions.len());
             }
             motions.push(Motion { clip: *clip, mirrored: *mirrored, phases, channels });
         }
-        let by_action = by_action.into_values().collect();
+        let by_action = by_action.into_values().map(|styles| styles.into_values().collect()).collect();
         Ok(Self { dataset, motions, alike, sentences: material.sentences.clone(), by_action })
     }
 
@@ -204,7 +228,7 @@ impl<'d> Corpus<'d> {
     }
 
     /// One example: a motion, perhaps joined, perhaps cropped, perhaps with fixed tokens, corrupted at a random time.
-    fn draw(&self, config: &Config, metric: &Metric, shares: &[f64], random: &mut Random) -> Labelled {
+    fn draw(&self, config: &Config, metric: &Metric, shares: &Shares, random: &mut Random) -> Labelled {
         let index = self.pick(shares, random);
         let motion = &self.motions[index];
         let mut pieces = self.pieces(index, random.below(motion.phases.len()));
@@ -298,21 +322,18 @@ impl<'d> Corpus<'d> {
         true
     }
 
-    /// Running sum of how often motions of each action are drawn.
-    fn shares(&self, config: &Config) -> Vec<f64> {
-        let mut sum = 0.0;
-        let add = |motions: &Vec<usize>| {
-            sum += (motions.len() as f64).powf(1.0 - config.balance);
-            sum
-        };
-        self.by_action.iter().map(add).collect()
+    /// How often motions of each action, and of each style of it, are drawn.
+    fn shares(&self, config: &Config) -> Shares {
+        let actions = self.by_action.iter().map(|styles| styles.iter().map(Vec::len).sum());
+        let styles = |styles: &Vec<Vec<usize>>| sums(styles.iter().map(Vec::len), config.style_balance);
+        Shares { actions: sums(actions, config.balance), styles: self.by_action.iter().map(styles).collect() }
     }
 
-    /// A motion: its action by `shares`, then any of that action.
-    fn pick(&self, shares: &[f64], random: &mut Random) -> usize {
-        let at = random.unit() * shares.last().copied().unwrap_or_default();
-        let group = &self.by_action[shares.partition_point(|sum| *sum <= at).min(shares.len() - 1)];
-        group[random.below(group.len())]
+    /// A motion: its action by `shares`, then its style, then any of these.
+    fn pick(&self, shares: &Shares, random: &mut Random) -> usize {
+        let action = place(&shares.actions, random);
+        let motions = &self.by_action[action][place(&shares.styles[action], random)];
+        motions[random.below(motions.len())]
     }
 
     /// Lets a motion of another action follow where its tokens go on best; what is said of the two, or nothing where nothing follows. Both
@@ -322,7 +343,7 @@ impl<'d> Corpus<'d> {
         first: usize,
         pieces: &mut Vec<Piece>,
         metric: &Metric,
-        shares: &[f64],
+        shares: &Shares,
         config: &Config,
         random: &mut Random,
     ) -> Option<Said> {
