@@ -18,7 +18,7 @@ use motionette::refining::{Config, Exact};
 use motionette::representation::skeleton::{NAMES, PARENTS};
 use motionette::request::conditions::AnchorSet;
 use motionette::text::words::{UNKNOWN, Words};
-use motionette::{Anchor, JOINTS, Model, Request};
+use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::TokenizerCheckpoint;
@@ -115,10 +115,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 /// A motion with the model's bones, by the reference.
 fn rigid(model: &Model<'_>, motion: &[Pose]) -> Vec<Pose> {
-    let mut offsets = [[0.0; 3]; JOINTS];
-    for (slot, offset) in offsets.iter_mut().zip(model.skeleton().offsets()) {
-        *slot = offset.map(f64::from);
-    }
+    let offsets = model.skeleton().offsets().map(|offset| offset.map(f64::from));
     let wide: Vec<_> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
     let posed = reference::rigid::Body::new(&offsets).posed(&wide);
     posed.into_iter().map(|pose| pose.map(|at| at.map(|value| value as f32))).collect()

@@ -3,10 +3,10 @@
 use crate::robot::RobotReport;
 use crate::session::{self, Outcome};
 use motionette::blob::Skeleton;
-use motionette::refining::Strain;
 use motionette::{Anchor, JOINTS, Target};
 use motionette_host::agreement::ClipAgreement;
 use motionette_host::cli::Refinement;
+use motionette_host::console::strained;
 use motionette_host::metrics;
 use serde::Serialize;
 
@@ -196,11 +196,7 @@ impl Report {
                 lines.push(line("edited behind the decoder", format!("{rounds} rounds{loose}")));
             }
             if let (Some(strain), Some(anchor)) = (self.strain, self.strained_by) {
-                let warning = match strain > Strain::WARNING {
-                    true => ": warning, the motion may no longer do what the prompt says",
-                    false => "",
-                };
-                lines.push(line("strain", format!("{strain:.2}, most around anchor {}{warning}", anchor + 1)));
+                lines.push(line("strain", strained(strain, &format!("anchor {}", anchor + 1))));
             }
             lines.push(line("distance |u - u0|", format!("{:.2}", self.du)));
         }

@@ -215,10 +215,10 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
 
 /// A skeleton a fifth larger than the model's, with longer arms.
 fn larger(generator: &Generator<'_>) -> [[f32; 3]; JOINTS] {
-    let mut skeleton = [[0.0; 3]; JOINTS];
+    let mut skeleton = generator.model().skeleton().offsets();
     let shares = [1.2f32; 16].into_iter().chain([1.4; 6]);
-    for (slot, (offset, share)) in skeleton.iter_mut().zip(generator.model().skeleton().offsets().zip(shares)) {
-        *slot = offset.map(|value| value * share);
+    for (offset, share) in skeleton.iter_mut().zip(shares) {
+        *offset = offset.map(|value| value * share);
     }
     skeleton
 }

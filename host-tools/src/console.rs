@@ -4,6 +4,8 @@ use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::{Mutex, PoisonError};
 
+use motionette::refining::Strain;
+
 /// Standard output took not everything.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write to standard output: what was said is not complete")]
@@ -32,6 +34,15 @@ fn note(result: io::Result<()>) {
     {
         FAILED.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
     }
+}
+
+/// How much anchors ask of a motion, with a warning where that is too much; `around` is where most of it is.
+pub fn strained(value: f32, around: &str) -> String {
+    let warning = match value > Strain::WARNING {
+        true => "; warning: bent so far, the motion may no longer do what the prompt says",
+        false => "",
+    };
+    format!("{value:.2}, most of it around {around}{warning}")
 }
 
 /// A line on standard error: what is under way. A run does not end because nobody can read it.

@@ -193,7 +193,7 @@ pub fn inspect(
         representation: match manifest.representation {
             Representation::HumanMl3d(_) => "humanml3d",
         },
-        skeleton: manifest.representation.skeleton().offsets().collect(),
+        skeleton: manifest.representation.skeleton().offsets().to_vec(),
         codec: match manifest.codec {
             Codec::Vq(_) => "vq",
         },

@@ -228,7 +228,7 @@ fn the_manifest_lies_where_the_format_says() {
     assert_eq!(bytes[place::FEATURES..=place::TENSOR_COUNT], [0x87, 0x02, 0, 0, 49, 0, 0, 0, 31]);
     let model = Model::open(bytes).expect("a good blob");
     assert_eq!((model.frame_rate(), model.frames_per_token(), model.max_tokens()), (20, 4, 49));
-    let offsets: Vec<[f32; 3]> = model.skeleton().offsets().collect();
+    let offsets = model.skeleton().offsets();
     assert_eq!((offsets.len(), offsets[0], offsets[5]), (22, [0.0; 3], [0.0, 0.105, 0.0]));
 }
 

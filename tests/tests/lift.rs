@@ -70,7 +70,7 @@ fn a_lifted_blob_is_what_the_format_says() {
 fn a_lifted_blob_has_the_body_that_motions_were_brought_to() {
     let blob = lift(&read(&corpus("format3/narrow.blob"))).expect("a good blob").blob;
     let model = Model::open(blob.bytes()).expect("a lifted blob opens");
-    let offsets: Vec<[f32; 3]> = model.skeleton().offsets().collect();
+    let offsets = model.skeleton().offsets();
     assert_eq!(offsets.len(), 22);
     assert_eq!(offsets[0], [0.0; 3]);
     // Hips slope, as long as before; the right knee straight down, the toes ahead, the neck up.

@@ -110,7 +110,7 @@ fn bytes_written_by_hand_mean_what_the_format_says() {
     assert_eq!(postcard::to_stdvec(&expected).as_deref(), Ok(&written.bytes[..]), "as the host tools write it");
     written.bytes.extend(b"table");
     assert_eq!(Manifest::read(&written.bytes, 0), Ok((expected.clone(), &b"table"[..])));
-    let offsets: Vec<[f32; 3]> = expected.representation.skeleton().offsets().collect();
+    let offsets = expected.representation.skeleton().offsets();
     assert_eq!((offsets.len(), offsets[0], offsets[21]), (22, [0.0, 0.0, -2.0], [21.0, 0.0, -2.0]));
     assert_eq!(expected.representation.frame_rate(), 400);
     assert_eq!((expected.codec.frames_per_token(), expected.generator.max_tokens()), (4, 49));

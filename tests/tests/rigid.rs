@@ -18,15 +18,9 @@ fn blob() -> BlobFile {
     BlobFile::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/nano.blob")).expect("bundled")
 }
 
-fn offsets(model: &Model<'_>) -> Offsets {
-    let mut offsets = [[0.0; 3]; JOINTS];
-    offsets.iter_mut().zip(model.skeleton().offsets()).for_each(|(slot, offset)| *slot = offset);
-    offsets
-}
-
 /// A body of other proportions: long arms, short legs, hips that do not slope.
 fn ape(model: &Model<'_>) -> Offsets {
-    let mut offsets = offsets(model);
+    let mut offsets = model.skeleton().offsets();
     for (joint, share) in [(4, 0.7), (7, 0.7), (18, 1.3), (20, 1.4), (16, 1.1), (12, 0.8)] {
         for joint in [joint, joint + usize::from(joint != 12)] {
             offsets[joint] = offsets[joint].map(|value| value * share);
@@ -59,7 +53,7 @@ const PROMPTS: [&str; 4] = ["a person dances", "a person kicks", "a person runs"
 fn every_motion_has_the_bones_that_it_is_to_have() {
     let blob = blob();
     let model = blob.model().expect("it opens");
-    let (own, other) = (offsets(&model), ape(&model));
+    let (own, other) = (model.skeleton().offsets(), ape(&model));
     let mut decoded_error = 0.0f32;
     for (seed, text) in PROMPTS.into_iter().enumerate() {
         let request = Request::text(text).frames(100).steps(4).seed(seed as u64).unrefined();
@@ -113,7 +107,7 @@ fn the_reference_poses_the_same_body() {
         let request = Request::text(text).frames(100).steps(4).seed(seed as u64).unrefined();
         let run = |bones| verify::run(&blob, text, &request.bones(bones)).expect("it runs").joints;
         let wide: Vec<_> = run(Bones::Decoded).iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
-        let (own, other) = (offsets(&model), ape(&model));
+        let (own, other) = (model.skeleton().offsets(), ape(&model));
         let body = |offsets: &Offsets| Body::new(&offsets.map(|offset| offset.map(f64::from)));
         for (ours, want) in [
             (run(Bones::Model), body(&own).posed(&wide)),
@@ -135,7 +129,7 @@ fn the_reference_poses_the_same_body() {
 fn streams_move_the_same_body() {
     let blob = blob();
     let model = blob.model().expect("it opens");
-    let (own, other) = (offsets(&model), ape(&model));
+    let (own, other) = (model.skeleton().offsets(), ape(&model));
     let tokens: Vec<u16> = (0..20).map(|i| (i * 37 % 512) as u16).collect();
     let mut memory = vec![0u128; 40_000];
     for bones in [Bones::Model, Bones::Given(&other), Bones::Decoded] {
@@ -167,7 +161,7 @@ fn bodies_that_cannot_be_are_refused() {
     let mut memory = vec![0u128; 40_000];
     let mut generator = Generator::new(model.clone(), bytemuck::cast_slice_mut(&mut memory)).expect("a generator");
     for (joint, bone) in [(5, [0.0; 3]), (20, [0.0, f32::NAN, 0.0]), (12, [9.0, 0.0, 0.0]), (0, [0.1, 0.0, 0.0])] {
-        let mut skeleton = offsets(&model);
+        let mut skeleton = model.skeleton().offsets();
         skeleton[joint] = bone;
         let request = Request::tokens(&[1, 2, 3]).bones(Bones::Given(&skeleton));
         let refused = Error::Bone { joint: joint as u8 };

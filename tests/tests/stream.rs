@@ -89,9 +89,7 @@ fn whole_of_any_length(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
     assert!(decoder.forward(&u, &all, &mut values, &mut work, &mut || ControlFlow::Continue(())).is_continue());
     let features = Features { values: &values, channels: &all };
     model.recovery().integrate(features, &mut path);
-    let mut offsets = [[0.0; 3]; JOINTS];
-    offsets.iter_mut().zip(model.skeleton().offsets()).for_each(|(slot, offset)| *slot = offset);
-    let body = Body::new(&offsets);
+    let body = Body::new(&model.skeleton().offsets());
     let joints = model.recovery().joints(&mut values, &path);
     let poses: &[Pose] = bytemuck::cast_slice(joints);
     poses.iter().flat_map(|pose| body.posed(pose).into_iter().flatten()).map(f32::to_bits).collect()

@@ -412,8 +412,7 @@ fn a_skeleton_of_one_s_own_moves_and_feet_stand_if_they_are_to() {
     let mut bench = Bench::new(1 << 18);
     // SAFETY: the blocks are contiguous bytes.
     let (_, blob, _) = unsafe { BLOB.align_to::<u8>() };
-    let mut own = [[0.0f32; 3]; JOINTS];
-    own.iter_mut().zip(Model::open(blob).unwrap().skeleton().offsets()).for_each(|(slot, offset)| *slot = offset);
+    let own = Model::open(blob).unwrap().skeleton().offsets();
     let mut moved = |bones: &[[f32; 3]; JOINTS], free_feet| {
         let request = mtn_request { bones, free_feet, ..tokens() };
         bench.generate(&request).map(|motion| joints_of(&motion))

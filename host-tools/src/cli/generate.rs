@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use super::generate_args::GenerateArgs;
 use super::model::grouped;
 use super::say;
+use crate::console::strained;
 use crate::export::bvh;
 use crate::metrics;
 use crate::output::write_atomic;
@@ -59,11 +60,7 @@ impl Cmd {
         let strain = edited.filter(|_| !anchors.is_empty()).map(|edited| edited.strain);
         if let Some(strain) = strain.filter(|strain| strain.warns()) {
             let frame = made.anchors.get(usize::from(strain.anchor)).map_or(0, |anchor| anchor.frame);
-            say(&format!(
-                "warning: bent so far onto its anchors, most of all around frame {frame}, the motion may no longer do what the prompt says \
-                 (strain {:.2})",
-                strain.value
-            ));
+            say(&format!("strain {}", strained(strain.value, &format!("frame {frame}"))));
         }
         let [planning_macs, macs] = made.macs;
         say(&format!(

@@ -17,7 +17,7 @@ pub(crate) fn is_bone(joint: usize, [x, y, z]: [f32; 3]) -> bool {
 /// Checks frame rate and skeleton.
 pub(super) fn check(representation: &Representation<'_>) -> Result<(), Error> {
     at_most("representation.frame_rate", u32::from(representation.frame_rate()), 1000)?;
-    match representation.skeleton().offsets().enumerate().find(|&(joint, offset)| !is_bone(joint, offset)) {
+    match representation.skeleton().offsets().into_iter().enumerate().find(|&(joint, offset)| !is_bone(joint, offset)) {
         Some((_, [x, y, z])) => {
             let (what, square) = ("square of a bone's length in representation.skeleton", x * x + y * y + z * z);
             Err(Error::Number { what, bits: square.to_bits() })

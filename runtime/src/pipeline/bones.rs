@@ -10,11 +10,7 @@ use crate::request::Bones;
 /// The body that moves; `None` where joints stay as they were decoded.
 #[inline(never)]
 pub(super) fn body(model: &Model<'_>, bones: Bones<'_>) -> Option<Body> {
-    let mut offsets = [[0.0; 3]; JOINTS];
-    for (slot, offset) in offsets.iter_mut().zip(model.skeleton().offsets()) {
-        *slot = offset;
-    }
-    let own = Body::new(&offsets);
+    let own = Body::new(&model.skeleton().offsets());
     match bones {
         Bones::Model => Some(own),
         Bones::Given(offsets) => Some(Body::new(offsets).in_place_of(&own)),

@@ -110,10 +110,11 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
 
 /// The model's skeleton, larger or smaller, now and then with a bone that no body has.
 pub(super) fn skeleton(model: &Model<'_>, random: &mut Stream) -> [[f32; 3]; JOINTS] {
-    let mut skeleton = [[0.0; 3]; JOINTS];
     let size = 0.02 + random.below(300) as f32 * 0.01;
-    for (slot, offset) in skeleton.iter_mut().zip(model.skeleton().offsets()) {
-        *slot = offset.map(|value| value * size * (0.5 + random.below(100) as f32 * 0.01));
+    let mut skeleton = model.skeleton().offsets();
+    for offset in &mut skeleton {
+        let share = size * (0.5 + random.below(100) as f32 * 0.01);
+        *offset = offset.map(|value| value * share);
     }
     if random.below(4) == 0 {
         skeleton[random.below(JOINTS as u32) as usize] = [number(random, 4.0), 0.0, number(random, 4.0)];

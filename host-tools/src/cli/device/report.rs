@@ -6,6 +6,7 @@ use motionette_link::message::{
 use serde_json::{Value, json};
 
 use crate::cli::say;
+use crate::console::strained;
 use crate::device::advice_for_start;
 
 /// A stage by name.
@@ -51,18 +52,12 @@ pub fn strain(strain: Strain) -> Value {
     json!({"measure": strain.measure.0, "value": strain.value, "anchor": strain.anchor})
 }
 
-/// What is to be said where anchors ask for much.
-const LOST: &str = "; warning: bent so far, the motion may no longer do what the prompt says";
-
 /// A motion that was made, in words.
 pub fn made(understood: Option<&Understood>, strain: Option<Strain>) -> impl Iterator<Item = String> {
     let understood = understood.map(|it| format!("understood: {} ({:.2})", it.phrase, it.score));
     let strain = strain.map(|Strain { measure, value, anchor }| match measure {
         Measure::DISTANCE => format!("anchor {anchor} is missed most, by {:.2} cm", 100.0 * value),
-        Measure::STRAIN => {
-            let warning = if value > motionette::refining::Strain::WARNING { LOST } else { "" };
-            format!("strain {value:.2}, most of it around anchor {anchor}{warning}")
-        }
+        Measure::STRAIN => format!("strain {}", strained(value, &format!("anchor {anchor}"))),
         _ => format!("anchor {anchor} strains the motion most, by {value:.3}"),
     });
     understood.into_iter().chain(strain)

@@ -262,9 +262,7 @@ fn anchored(args: &Args, table: Table, dataset: &Dataset, judge: &Judge, codec: 
 
 /// Real motions with the model's bones, and how far that moves a joint on average, metres.
 fn targets(model: &Model<'_>, real: &[Motion]) -> (Vec<Vec<Pose>>, f64) {
-    let mut offsets = [[0.0; 3]; JOINTS];
-    offsets.iter_mut().zip(model.skeleton().offsets()).for_each(|(slot, offset)| *slot = offset);
-    let body = Body::new(&offsets);
+    let body = Body::new(&model.skeleton().offsets());
     let posed: Vec<Vec<Pose>> =
         real.iter().map(|motion| motion.joints.iter().map(|pose| body.posed(pose)).collect()).collect();
     let moved = posed.iter().zip(real).map(|(posed, motion)| metrics::mpjpe(posed, &motion.joints));

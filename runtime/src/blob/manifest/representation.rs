@@ -63,12 +63,14 @@ impl<'a> Skeleton<'a> {
     }
 
     /// Offset of each joint from its parent `[22]`, metres.
-    pub fn offsets(&self) -> impl ExactSizeIterator<Item = [f32; 3]> + use<'a> {
-        let (joints, _) = self.bytes.as_chunks::<12>();
-        joints.iter().map(|joint| {
-            let (axes, _) = joint.as_chunks::<4>();
-            core::array::from_fn(|axis| axes.get(axis).map_or(0.0, |&bytes| f32::from_le_bytes(bytes)))
-        })
+    #[must_use]
+    pub fn offsets(&self) -> [[f32; 3]; JOINTS] {
+        let mut offsets = [[0.0; 3]; JOINTS];
+        let (numbers, _) = self.bytes.as_chunks::<4>();
+        for (slot, &bytes) in offsets.as_flattened_mut().iter_mut().zip(numbers) {
+            *slot = f32::from_le_bytes(bytes);
+        }
+        offsets
     }
 }
 
