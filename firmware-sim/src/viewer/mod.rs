@@ -12,12 +12,13 @@ use crate::robot::ShownRobot;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use motionette_host::motion::Pose;
+use motionette_host::reference;
 use serde::Serialize;
 
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/style.css");
 /// Scripts in the order in which they build on one another.
-const SCRIPTS: [&str; 10] = [
+const SCRIPTS: [&str; 11] = [
     include_str!("page/scene.js"),
     include_str!("page/camera.js"),
     include_str!("page/body.js"),
@@ -26,6 +27,7 @@ const SCRIPTS: [&str; 10] = [
     include_str!("page/chart.js"),
     include_str!("page/tokens.js"),
     include_str!("page/intervals.js"),
+    include_str!("page/feet.js"),
     include_str!("page/servos.js"),
     include_str!("page/app.js"),
 ];
@@ -41,6 +43,8 @@ pub struct Shown {
     pub label: &'static str,
     /// Base64 of little-endian f32 `[T][22][3]`, metres.
     pub positions: String,
+    /// When the left and the right foot stand: frames from and to, behind the last.
+    pub stances: [Vec<[usize; 2]>; 2],
 }
 
 impl Shown {
@@ -48,7 +52,10 @@ impl Shown {
     #[must_use]
     pub fn new(id: &'static str, name: &'static str, label: &'static str, motion: &[Pose]) -> Self {
         let bytes: Vec<u8> = motion.iter().flatten().flatten().flat_map(|v| v.to_le_bytes()).collect();
-        Shown { id, name, label, positions: STANDARD.encode(bytes) }
+        let wide: Vec<_> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
+        let stances =
+            reference::motion_space::standing(&wide).map(|foot| foot.iter().map(|s| [s.start, s.end]).collect());
+        Shown { id, name, label, positions: STANDARD.encode(bytes), stances }
     }
 }
 

@@ -522,6 +522,13 @@ impl<'a> Solver<'a> {
     }
 }
 
+/// When left and right foot stand, frames from and to (behind the last): the stances that an edit of this motion keeps.
+#[must_use]
+pub fn standing(motion: &[[[f64; 3]; JOINTS]]) -> [Vec<Range<usize>>; 2] {
+    let poses: Vec<Pose> = motion.iter().map(|pose| pose.map(Vector::from)).collect();
+    [10, 11].map(|toe| stances(&poses, toe).into_iter().map(|(stance, _)| stance).collect())
+}
+
 /// The stances of a foot, each held firmly.
 fn stances(motion: &[Pose], toe: usize) -> Vec<(Range<usize>, f64)> {
     let slow = |t: usize| {

@@ -157,6 +157,7 @@ function buildFigures() {
   }
   drawChart($("chart"), scene.curve, scene.refinement);
   drawStages($("stages"), scene.stages);
+  drawFeet($("feet"), motions.after);
   if (scene.intervals.length) markInterval = drawIntervals($("intervals"), scene.intervals);
   $("robotname").textContent = scene.robot.name;
   markServos = drawServos($("servos"), scene.robot);

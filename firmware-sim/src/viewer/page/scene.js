@@ -14,7 +14,7 @@ function decodePositions(base64) {
 }
 
 const motions = {};
-for (const m of scene.motions) motions[m.id] = { id: m.id, name: m.name, label: m.label, positions: decodePositions(m.positions) };
+for (const m of scene.motions) motions[m.id] = { id: m.id, name: m.name, label: m.label, positions: decodePositions(m.positions), stances: m.stances };
 
 // Joint j of motion m at a frame that may lie between two (the view interpolates linearly between recorded frames).
 function jointAt(m, frame, j) {

@@ -104,6 +104,19 @@ function drawTrail(m, joint, floor, color, frame, width) {
   }
 }
 
+// Where each foot of a motion stands: a faint print for every stance, a bright one under a foot that stands now.
+function drawPrints(m, frame, color) {
+  TOES.forEach((toe, foot) => {
+    for (const [from, to] of m.stances[foot]) {
+      const [x, , z] = jointAt(m, (from + to - 1) / 2, toe), now = frame >= from && frame < to;
+      floorRing([x, 0.003, z], now ? 0.09 : 0.07);
+      ctx.lineWidth = now ? 2.5 : 1;
+      ctx.strokeStyle = rgba(color, now ? 0.95 : 0.4);
+      ctx.stroke();
+    }
+  });
+}
+
 // 1 at the anchor's frame, falling to 0 within half a second: anchors light up as the motion meets them.
 const nearness = (a, frame) => Math.max(0, 1 - Math.abs(frame - a.frame) / (0.5 * scene.fps));
 
@@ -164,7 +177,10 @@ function paint(frame) {
   const joints = [...new Set(scene.anchors.filter((a) => a.target.length === 3).map((a) => a.joint))];
   if (show.trails) {
     for (const id of GHOSTS) if (show[id]) drawTrail(motions[id], 0, true, palette[id], frame, 2);
-    if (show.after) drawTrail(motions.after, 0, true, palette.accent, frame, 2.5);
+    if (show.after) {
+      drawTrail(motions.after, 0, true, palette.accent, frame, 2.5);
+      drawPrints(motions.after, frame, palette.accent);
+    }
   }
   for (const id of GHOSTS) if (show[id]) drawShadow(ctx, pose[id], palette.dark ? 0.18 : 0.06);
   if (show.after) drawShadow(ctx, pose.after, palette.dark ? 0.42 : 0.16);
