@@ -17,6 +17,9 @@ pub type Largest = fn(&[f32]) -> u32;
 /// Rounding of a row: numbers, factor, integers.
 pub type Round = fn(&[f32], f32, &mut [i16]);
 
+/// A square root.
+pub type Root = fn(f32) -> f32;
+
 /// A variant of all kernels.
 #[derive(Debug, Clone, Copy)]
 pub struct Variant {
@@ -30,6 +33,8 @@ pub struct Variant {
     pub largest: Largest,
     /// Of [`super::round_scaled`].
     pub round: Round,
+    /// Of [`super::sqrt`].
+    pub root: Root,
 }
 
 /// One of a variant's kernels.
@@ -45,6 +50,8 @@ pub enum Which {
     Largest,
     /// [`Variant::round`].
     Round,
+    /// [`Variant::root`]: the argument's bits are the first number of the shape.
+    Root,
 }
 
 /// What this target runs.
@@ -54,6 +61,7 @@ pub const CHOSEN: Variant = Variant {
     transposed: super::linear_transposed_s16s8,
     largest: super::largest_magnitude,
     round: super::round_scaled,
+    root: super::sqrt,
 };
 /// The specification.
 pub const PORTABLE: Variant = Variant {
@@ -62,6 +70,7 @@ pub const PORTABLE: Variant = Variant {
     transposed: portable::linear_transposed_s16s8,
     largest: portable::largest_magnitude,
     round: portable::round_scaled,
+    root: portable::sqrt,
 };
 
 const ROWS: [usize; 12] = [0, 1, 2, 3, 4, 5, 7, 11, 12, 13, 16, 19];
@@ -161,7 +170,35 @@ pub fn run(variant: &Variant, buffers: &mut Buffers) -> Result<u32, Mismatch> {
             }
         }
     }
-    Ok(cases)
+    roots_alike(variant)?;
+    Ok(cases + ROOTS)
+}
+
+/// Square roots that are compared.
+const ROOTS: u32 = 4096;
+
+/// Compares square roots of any numbers: of all exponents, both signs, infinite ones, of no number.
+fn roots_alike(variant: &Variant) -> Result<(), Mismatch> {
+    let mut stream = Stream::new(5);
+    for case in 0..ROOTS {
+        // A sixteenth has no bits below the exponent; all others, any.
+        let fraction = if case % 16 == 0 { 0 } else { stream.below(1 << 23) };
+        let sign = u32::from(stream.below(8) == 0);
+        let bits = sign << 31 | (case % 256) << 23 | fraction;
+        let [want, got] = [(PORTABLE.root)(f32::from_bits(bits)), (variant.root)(f32::from_bits(bits))];
+        if want.to_bits() != got.to_bits() && !(want.is_nan() && got.is_nan()) {
+            let shape = [bits as usize, 0, 0];
+            return Err(Mismatch {
+                which: Which::Root,
+                shape,
+                values: Values::Random,
+                skew: 0,
+                extra: 0,
+                roomy: false,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Compares how a row is quantised: its largest magnitude, then its integers by that.
@@ -221,7 +258,7 @@ fn agrees(variant: &Variant, case: &Mismatch, buffers: &mut Buffers) -> bool {
     };
     for (variant, acc) in [(&PORTABLE, want), (variant, got)] {
         match case.which {
-            Which::Largest | Which::Round => return false,
+            Which::Largest | Which::Round | Which::Root => return false,
             Which::Linear => (variant.linear)(x, w, inputs, outputs, acc),
             Which::Linear4 => (variant.linear4)(x, bytemuck::cast_slice(w), inputs, outputs, acc),
             Which::Transposed => (variant.transposed)(x, w, inputs, outputs, acc),

@@ -1,4 +1,4 @@
-//! Integer inner loops: int16 activations times int8 or 4-bit weights, int32 accumulators.
+//! Integer inner loops: int16 activations times int8 or 4-bit weights, int32 accumulators; and the square root.
 //!
 //! The portable implementation is the specification and what every other target runs. Cortex-M cores with the DSP extension
 //! or MVE have loops in assembly, with MVE for the rounding of activations, too. x86-64 has AVX2, AVX-VNNI and AVX-512 variants,
@@ -10,7 +10,7 @@
 //! `acc` may be longer than the accumulators: what lies behind them is a variant's to work in, [`room`] numbers of it if
 //! it shall not be slowed down, and holds anything afterwards.
 
-#[cfg(kernels)]
+#[cfg(any(kernels, fpu))]
 mod arm;
 #[cfg(any(test, feature = "check-kernels"))]
 pub mod check;
@@ -22,7 +22,7 @@ mod tests;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub use chosen::{largest_magnitude, round_scaled};
+pub use chosen::{largest_magnitude, round_scaled, sqrt};
 #[cfg(not(feature = "count"))]
 pub use chosen::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
 #[cfg(feature = "count")]
@@ -56,10 +56,14 @@ pub(crate) use wide;
 
 /// What this target runs.
 mod chosen {
+    #[cfg(fpu)]
+    pub use super::arm::sqrt;
     #[cfg(kernels = "mve")]
     pub use super::arm::{largest_magnitude, round_scaled};
     #[cfg(kernels)]
     pub use super::arm::{linear_s16s4, linear_s16s8, linear_transposed_s16s8};
+    #[cfg(not(fpu))]
+    pub use super::portable::sqrt;
     #[cfg(not(kernels = "mve"))]
     pub use super::portable::{largest_magnitude, round_scaled};
     #[cfg(not(any(kernels, target_arch = "x86_64")))]

@@ -1,5 +1,12 @@
 //! Plain Rust kernels: the specification, and the fallback on every target.
 
+/// The square root, correctly rounded; no number of a negative one.
+#[inline]
+#[must_use]
+pub fn sqrt(x: f32) -> f32 {
+    libm::sqrtf(x)
+}
+
 /// `acc[r][n] = sum_k x[r][k] * w[n][k]`: rows `x [R][inputs]`, weights `w [N][inputs]`, `acc [R][N]`.
 ///
 /// Incomplete rows are ignored; a zero width does nothing.

@@ -6,7 +6,7 @@
 
 use super::linear::MOST_ROWS;
 use super::{quantise, softmax};
-use crate::kernels::{linear_s16s8, linear_transposed_s16s8, wide};
+use crate::kernels::{self, linear_s16s8, linear_transposed_s16s8, wide};
 
 /// How a width is split into heads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,7 +107,7 @@ pub const fn macs(heads: Heads, keys: usize) -> u64 {
 pub fn attend(heads: Heads, q: &[f32], segments: &[Segment<'_>], out: &mut [f32], scratch: &mut AttentionScratch<'_>) {
     let (dh, width) = (heads.width.max(1), (heads.count * heads.width).max(1));
     let keys = segments.iter().fold(0, |sum, s| sum + s.rows);
-    let root = 1.0 / libm::sqrtf(dh as f32);
+    let root = 1.0 / kernels::sqrt(dh as f32);
     let rows = q.len() / width;
     out.fill(0.0);
     if keys == 0 || rows > MOST_ROWS {

@@ -3,7 +3,7 @@
 use super::conv1d::larger;
 use super::sums::{ROWS, squares, totals};
 use crate::blob::{Error, Tensors};
-use crate::kernels::wide;
+use crate::kernels::{self, wide};
 
 /// Rows beyond this magnitude are not normalised: the sum of squares of a row must stay finite.
 pub const MAX_INPUT: f32 = 1e16;
@@ -33,7 +33,7 @@ impl<'a> LayerNorm<'a> {
     #[inline(never)]
     pub fn bound(&self) -> f32 {
         let largest = |values: &[f32]| values.iter().fold(0.0, |largest, v| larger(largest, v.abs()));
-        libm::sqrtf(self.weight.len() as f32) * largest(self.weight) + largest(self.bias)
+        kernels::sqrt(self.weight.len() as f32) * largest(self.weight) + largest(self.bias)
     }
 
     /// Normalises rows `x [R][d]` into `out [R][d]`.
@@ -73,7 +73,7 @@ fn moments(x: &[f32], width: usize, epsilon: f32) -> [(f32, f32); ROWS] {
     let means = totals(x, width).map(|sum| sum / count);
     let mut moments = [(0.0, 0.0); ROWS];
     for ((to, mean), squares) in moments.iter_mut().zip(means).zip(squares(x, width, means)) {
-        *to = (mean, 1.0 / libm::sqrtf(squares / count + epsilon));
+        *to = (mean, 1.0 / kernels::sqrt(squares / count + epsilon));
     }
     moments
 }

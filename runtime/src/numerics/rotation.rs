@@ -1,6 +1,7 @@
 //! Unit quaternions, active rotation of column vectors.
 
 use super::vector::{Vector, add, cross, dot, scale, unit};
+use crate::kernels;
 use core::ops::Mul;
 
 /// A unit quaternion `w + x i + y j + z k`.
@@ -72,7 +73,7 @@ impl Rotation {
     /// The same rotation with its rounding errors taken out.
     fn normalised(self) -> Self {
         let Rotation { w, v } = self;
-        let length = libm::sqrtf(w * w + dot(v, v));
+        let length = kernels::sqrt(w * w + dot(v, v));
         if length > 0.0 { Rotation { w: w / length, v: scale(v, 1.0 / length) } } else { Self::IDENTITY }
     }
 }

@@ -1,5 +1,7 @@
 //! Vectors `[x, y, z]`.
 
+use crate::kernels;
+
 /// Metres or a direction.
 pub type Vector = [f32; 3];
 
@@ -29,7 +31,7 @@ pub(crate) fn cross(a: Vector, b: Vector) -> Vector {
 
 /// Euclidean length.
 pub(crate) fn length(a: Vector) -> f32 {
-    libm::sqrtf(dot(a, a))
+    kernels::sqrt(dot(a, a))
 }
 
 /// The vector with length 1, or `otherwise` when it has none.

@@ -5,6 +5,7 @@
 //! the line of hips or shoulders; an upper arm's or thigh's from itself and the bend of elbow or knee, which are hinges. The neck and
 //! the feet have one bone, so they turn on the shortest arc and not about themselves.
 
+use crate::kernels;
 use crate::numerics::rotation::Rotation;
 use crate::numerics::vector::{Vector, add, cross, dot, scale, subtract, unit};
 use crate::representation::Pose;
@@ -127,7 +128,7 @@ impl Orientations {
             Aside::Bend(from, to, towards) => {
                 let behind = unit(bone(pose, from, to), along);
                 let bend = subtract(behind, scale(along, dot(along, behind)));
-                let doubt = BEND * BEND / (BEND + libm::sqrtf(dot(bend, bend)));
+                let doubt = BEND * BEND / (BEND + kernels::sqrt(dot(bend, bend)));
                 let aside = add(bend, scale(swing.apply(towards), doubt));
                 Rotation::aligning((segment.rest, towards), along, aside)
             }

@@ -16,6 +16,7 @@
 use super::config::Basis;
 use super::grid::TokenGrid;
 use super::vector::{axpy, broken, clear, dot, next_part, next_part_mut, rows, rows_mut};
+use crate::kernels;
 use crate::request::conditions::{AnchorSet, MAX_ANCHORS};
 
 /// Most intervals: the anchor frames and both ends.
@@ -221,7 +222,7 @@ impl<'a> IntervalBasis<'a> {
                         }
                     }
                 }
-                let length = libm::sqrtf(column_dot(part, stride, column, column));
+                let length = kernels::sqrt(column_dot(part, stride, column, column));
                 let scale = if length > 1e-6 { 1.0 / length } else { 0.0 };
                 for row in rows_mut(part, stride) {
                     if let Some(value) = row.get_mut(column) {

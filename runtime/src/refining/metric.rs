@@ -15,6 +15,7 @@
 
 use super::MotionMap;
 use super::vector::{axpy, broken, clear, dot};
+use crate::kernels;
 use crate::request::conditions::{AnchorSet, Family, MAX_ANCHORS, Observed};
 
 /// Tokens that count as one in the root and yaw terms.
@@ -234,7 +235,7 @@ impl Triangle<'_> {
                     if !(pivot > 0.0) || !pivot.is_finite() {
                         return false;
                     }
-                    *element = 1.0 / libm::sqrtf(pivot);
+                    *element = 1.0 / kernels::sqrt(pivot);
                 }
             }
         }

@@ -1,5 +1,6 @@
 //! A limb of two bones: where its middle joint goes when its end is put elsewhere.
 
+use crate::kernels;
 use crate::numerics::vector::{Vector, add, cross, dot, length, scale, subtract, unit};
 
 /// A limb is never longer than this share of its two bones, so that it always bends to the side it came from; one that was longer may stay
@@ -41,7 +42,7 @@ impl Limb {
         // The share of the upper bone along the line from root to end, and across it.
         let along = if reach > 1e-6 { (upper * upper - lower * lower + reach * reach) / (2.0 * reach) } else { 0.0 };
         let across = upper * upper - along * along;
-        let across = if across > 0.0 { libm::sqrtf(across) } else { 0.0 };
+        let across = if across > 0.0 { kernels::sqrt(across) } else { 0.0 };
         let side = add(subtract(middle, root), pole);
         let side = subtract(side, scale(from, dot(side, from)));
         let side = carried(side, from, to);

@@ -9,6 +9,7 @@
 use super::Pose;
 use super::limbs::{Limb, along, perpendicular};
 use crate::JOINTS;
+use crate::kernels;
 use crate::numerics::vector::{Vector, add, cross, dot, length, scale, subtract, unit};
 
 /// The skeleton's offsets from joint to joint at rest, metres.
@@ -184,7 +185,7 @@ fn eased(limb: &Limb, target: Vector) -> Vector {
     let way = subtract(target, limb.root);
     let had = length(subtract(limb.end, limb.root));
     let change = length(way) - had;
-    let made_up = libm::sqrtf(change * change + EASE * EASE) - EASE;
+    let made_up = kernels::sqrt(change * change + EASE * EASE) - EASE;
     let reach = if change < 0.0 { had - made_up } else { had + made_up };
     add(limb.root, scale(unit(way, [0.0, -1.0, 0.0]), reach))
 }

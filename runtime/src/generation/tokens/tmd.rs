@@ -12,7 +12,7 @@ use super::Planning;
 use super::sampler::{Draw, Logits, TokenSampler};
 use super::sampling::draw;
 use crate::codec::codebook::Codebooks;
-use crate::kernels::wide;
+use crate::kernels::{self, wide};
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::nn::softmax;
 use crate::numerics::hash::Stream;
@@ -162,7 +162,7 @@ impl<'w> Metric<'w> {
             let mut factors = [0.0; LANES];
             for (lane, factor) in factors.iter_mut().enumerate() {
                 let squares = put_code(units, lane, codebooks.values(group * LANES + lane));
-                *factor = if squares > 0.0 { 1.0 / libm::sqrtf(squares) } else { 0.0 };
+                *factor = if squares > 0.0 { 1.0 / kernels::sqrt(squares) } else { 0.0 };
             }
             wide!({
                 for unit in units {

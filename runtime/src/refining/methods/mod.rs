@@ -3,6 +3,7 @@
 mod published;
 pub mod quasi_newton;
 
+use crate::kernels;
 use core::ops::ControlFlow;
 
 use super::basis::{IntervalBasis, values_len};
@@ -111,7 +112,7 @@ pub fn solve<M: MotionMap>(
         Steps::Published(buffers) => published::descend(&mut run, u, origin, &basis, buffers)?,
         Steps::QuasiNewton(buffers) => quasi_newton::descend(&mut run, u, origin, &mut basis, buffers)?,
     };
-    let distance = libm::sqrtf(squared_distance(u, origin));
+    let distance = kernels::sqrt(squared_distance(u, origin));
     Ok(run.report(reason, distance))
 }
 

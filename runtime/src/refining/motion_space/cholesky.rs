@@ -1,5 +1,6 @@
 //! Symmetric positive systems of a few dozen unknowns.
 
+use crate::kernels;
 use crate::refining::vector::{axpy, dot, rows, rows_mut};
 
 /// Numbers that a system of so many unknowns takes: its lower triangle.
@@ -42,7 +43,7 @@ impl<'a> Cholesky<'a> {
             if let Some((pivot, own)) = row.split_last_mut() {
                 let whole = *pivot;
                 let left = whole - dot(own, own);
-                *pivot = if left > 1e-7 * whole { 1.0 / libm::sqrtf(left) } else { 0.0 };
+                *pivot = if left > 1e-7 * whole { 1.0 / kernels::sqrt(left) } else { 0.0 };
             }
         }
         Cholesky { lower: part!(lower, ..triangle(order)) }

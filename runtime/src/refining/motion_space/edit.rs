@@ -3,6 +3,7 @@
 use super::covariance::Covariance;
 use super::parts::{Part, Side};
 use super::stances::{HELD, fill, mark, next_run};
+use crate::kernels;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::numerics::rotation::Rotation;
 use crate::numerics::vector::{Vector, add, length, scale, subtract, unit};
@@ -546,7 +547,7 @@ impl Offsets<'_> {
 
 /// An offset that is never farther aside than [`ASIDE`].
 fn capped([x, y, z]: Vector) -> Vector {
-    let aside = libm::sqrtf(x * x + z * z);
+    let aside = kernels::sqrt(x * x + z * z);
     let share = if aside > 1e-6 { ASIDE * libm::tanhf(aside / ASIDE) / aside } else { 1.0 };
     [x * share, y, z * share]
 }

@@ -1,5 +1,6 @@
 //! Bodies in the room that joints keep clear of.
 
+use crate::kernels;
 use crate::numerics::vector::{Vector, add, dot, length, scale, subtract, unit};
 
 /// A way out is looked for no farther than this, metres.
@@ -68,7 +69,7 @@ impl Obstacle {
                 length(subtract([x, y, z], scale(half, along))) - radius
             }
             Shape::Cylinder { radius, half_height } => {
-                boxed([libm::sqrtf(x * x + z * z) - radius, libm::fabsf(y) - half_height, -1e9])
+                boxed([kernels::sqrt(x * x + z * z) - radius, libm::fabsf(y) - half_height, -1e9])
             }
             Shape::Box { half: [a, b, c] } => boxed([libm::fabsf(x) - a, libm::fabsf(y) - b, libm::fabsf(z) - c]),
             Shape::Plane { normal } => dot([x, y, z], unit(normal, [0.0, 1.0, 0.0])),

@@ -1,6 +1,7 @@
 //! How far an edit takes a motion from what was generated.
 
 use crate::JOINTS;
+use crate::kernels;
 use crate::numerics::vector::{Vector, dot, subtract};
 use crate::representation::Pose;
 
@@ -69,7 +70,7 @@ impl Tally {
         if let Some(before) = self.before {
             for (way, (root, before)) in self.ways.iter_mut().zip(roots.iter().zip(before)) {
                 let [x, _, z] = subtract(*root, before);
-                *way += libm::sqrtf(x * x + z * z);
+                *way += kernels::sqrt(x * x + z * z);
             }
         }
         self.before = Some(roots);
@@ -85,6 +86,6 @@ impl Tally {
         let faster = (times - 1.0) / (FASTER - 1.0);
         let frames = if self.frames > 0.0 { self.frames } else { 1.0 };
         let apart = self.apart / (frames * JOINTS as f32 * APART * APART);
-        libm::sqrtf(faster * faster + apart)
+        kernels::sqrt(faster * faster + apart)
     }
 }

@@ -5,7 +5,7 @@
 //! step = -rate * (m / (1 - b1^t)) / (sqrt(v / (1 - b2^t)) + eps)
 //! ```
 
-use libm::sqrtf;
+use crate::kernels::sqrt;
 
 use crate::refining::vector::clear;
 
@@ -39,7 +39,7 @@ impl<'a> Adam<'a> {
         for ((g, m), v) in gradient.iter_mut().zip(self.first.iter_mut()).zip(self.second.iter_mut()) {
             *m = BETA1 * *m + (1.0 - BETA1) * *g;
             *v = BETA2 * *v + (1.0 - BETA2) * (*g * *g);
-            *g = -rate * (*m * first_scale) / (sqrtf(*v * second_scale) + EPSILON);
+            *g = -rate * (*m * first_scale) / (sqrt(*v * second_scale) + EPSILON);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `L_anc = sum_n ||r_n||^2`, `r_n = O_f(x)[tau_n] - y_n`: squared distances from the anchors.
 
-use libm::sqrtf;
+use crate::kernels::sqrt;
 
 use super::super::MotionMap;
 use super::super::metric::{ResidualMetric, Residuals};
@@ -28,7 +28,7 @@ impl Distances {
         for (anchor, slot) in anchors.iter().zip(&mut this.errors) {
             let squared = squared_length(anchor.residual(position(anchor.joint, anchor.frame as usize)));
             this.squares += squared;
-            *slot = sqrtf(squared);
+            *slot = sqrt(squared);
         }
         this
     }

@@ -1,6 +1,6 @@
 //! `L_feas = mean_t max(||p[t+1] - p[t]|| - vmax, 0)^2`: the root does not move faster than a body can.
 
-use libm::sqrtf;
+use crate::kernels::sqrt;
 
 use super::super::MotionMap;
 use super::super::vector::{bit, difference, larger, scaled, squared_length};
@@ -36,7 +36,7 @@ impl Feasibility {
         let mut old = map.position(ROOT, 0);
         for frame in 1..frames {
             let new = map.position(ROOT, frame);
-            let excess = larger(sqrtf(squared_length(difference(new, old))) - self.max_step, 0.0);
+            let excess = larger(sqrt(squared_length(difference(new, old))) - self.max_step, 0.0);
             sum += excess * excess;
             old = new;
         }
@@ -50,7 +50,7 @@ impl Feasibility {
         for frame in 1..frames {
             let new = map.position(ROOT, frame);
             let step = difference(new, old);
-            let length = sqrtf(squared_length(step));
+            let length = sqrt(squared_length(step));
             if length > self.max_step && length > 0.0 {
                 let pull = scale * (length - self.max_step) / length;
                 map.add_gradient(ROOT, frame, scaled(step, pull));
