@@ -180,7 +180,7 @@ impl<'w> Metric<'w> {
     pub fn distances(&self, x: u16, out: &mut [f32]) {
         let (x, width) = (usize::from(x), self.width.max(1));
         #[cfg(feature = "count")]
-        crate::kernels::count::add(LANES * self.units.len());
+        kernels::count::add(LANES * self.units.len());
         wide!({
             for (units, out) in self.units.chunks_exact(width).zip(out.chunks_mut(LANES)) {
                 let mut cosines = [0.0f32; LANES];
