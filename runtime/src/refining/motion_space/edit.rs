@@ -365,12 +365,12 @@ impl<'a> Edit<'a> {
     pub fn build(&mut self, poses: &[Pose], anchors: &AnchorSet) {
         for (t, slot) in self.path.iter_mut().enumerate() {
             let [mut x, mut y, mut z] = [0.0; 3];
-            for (row, [wx, wz]) in self.rows.iter().zip(self.weights.iter()) {
+            for (row, [wx, wz]) in self.rows.iter().zip(self.weights.iter()).filter(|(_, w)| **w != [0.0; 2]) {
                 let covariance = self.covariance.path(t, row.plus) - self.covariance.path(t, row.minus);
                 x += wx * covariance;
                 z += wz * covariance;
             }
-            for (point, [weight]) in self.points.iter().zip(self.heights.iter()) {
+            for (point, [weight]) in self.points.iter().zip(self.heights.iter()).filter(|(_, w)| **w != [0.0]) {
                 y += weight * self.covariance.height(t, point.frame);
             }
             *slot = [x, y, z];
@@ -392,6 +392,22 @@ impl<'a> Edit<'a> {
 
     /// The edited pose of a frame, of which `pose` is what was generated.
     pub fn apply(&self, pose: &Pose, frame: usize) -> Pose {
+        self.applied(pose, frame, [true; 3])
+    }
+
+    /// Where the edit puts one joint of it.
+    pub fn joint(&self, pose: &Pose, frame: usize, joint: u8) -> Vector {
+        let limbs = match joint {
+            0 | 1 | 2 => [false; 3],
+            4 | 7 | 10 => [true, false, false],
+            5 | 8 | 11 => [false, true, false],
+            _ => [false, false, true],
+        };
+        self.applied(pose, frame, limbs).get(usize::from(joint)).copied().unwrap_or_default()
+    }
+
+    /// The edited pose, of which only these count: left leg, right leg, all above the hips.
+    fn applied(&self, pose: &Pose, frame: usize, [left, right, upper]: [bool; 3]) -> Pose {
         let mut out = *pose;
         let shift = self.shift(frame);
         for joint in &mut out {
@@ -408,8 +424,10 @@ impl<'a> Edit<'a> {
                 *slot = place;
             }
         };
-        for (side, [hip, knee, ankle, toe]) in [(Side::Left, [1, 4, 7, 10]), (Side::Right, [2, 5, 8, 11])] {
-            if !self.planted && !any(&[Part::Ankle(side), Part::Knee(side), Part::Toes(side)]) {
+        for (side, wanted, [hip, knee, ankle, toe]) in
+            [(Side::Left, left, [1, 4, 7, 10]), (Side::Right, right, [2, 5, 8, 11])]
+        {
+            if !wanted || !self.planted && !any(&[Part::Ankle(side), Part::Knee(side), Part::Toes(side)]) {
                 continue;
             }
             let sole = subtract(at(&out, toe), at(&out, ankle));
@@ -426,6 +444,9 @@ impl<'a> Edit<'a> {
                 false => sole,
             };
             set(&mut out, toe, add(limb.end, turned));
+        }
+        if !upper {
+            return out;
         }
         for joint in UPPER {
             let lean = |part| part == Part::Lean(joint as u8);

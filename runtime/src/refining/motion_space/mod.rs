@@ -176,7 +176,7 @@ impl Solver<'_, '_> {
         let before = Distances::of(self.anchors, &|joint, frame| place(self.poses.get(frame), joint));
         let before = before.control_error(self.anchors);
         (edited.before, edited.strain.anchor) = (Some(before), before.worst_anchor);
-        let mut distances = self.distances();
+        let (mut distances, mut missing) = self.lacks();
         while edited.rounds < MORE_ROUNDS {
             let off = |(error, point): (&f32, &Point)| *error > MET && point.loose == 0.0;
             let open = distances.errors.iter().zip(self.edit.points()).any(off);
@@ -188,48 +188,41 @@ impl Solver<'_, '_> {
                     point.soft *= if *error > MET && point.loose == 0.0 { YIELD } else { 1.0 };
                 }
             }
-            self.round();
+            self.round(&missing);
             edited.rounds += 1;
-            distances = self.distances();
+            (distances, missing) = self.lacks();
         }
-        if self.edit.settle(self.poses, self.anchors, &self.missing()) {
+        if self.edit.settle(self.poses, self.anchors, &missing) {
             self.sweep();
-            distances = self.distances();
+            (distances, _) = self.lacks();
         }
         edited.loosened = self.edit.points().iter().filter(|point| point.loose > 0.0).count() as u16;
         edited.after = Some(distances.control_error(self.anchors));
         edited
     }
 
-    /// The pose of a frame with all that is added.
-    fn pose(&self, frame: usize) -> Option<Pose> {
-        self.poses.get(frame).map(|pose| self.edit.apply(pose, frame))
-    }
-
-    /// Distances of the edited motion.
-    fn distances(&self) -> Distances {
-        Distances::of(self.anchors, &|joint, frame| place(self.pose(frame).as_ref(), joint))
-    }
-
-    /// What is missing at each anchor, metres; never more than speed allows from the first frame on, and so finite whatever is asked for.
-    fn missing(&self) -> [Vector; MAX_ANCHORS] {
-        let mut missing = [[0.0; 3]; MAX_ANCHORS];
-        for (slot, anchor) in missing.iter_mut().zip(self.anchors.iter()) {
+    /// Distances of the edited motion, and what is missing at each anchor, metres; never more than speed allows from the first frame on, and so
+    /// finite whatever is asked for.
+    fn lacks(&self) -> (Distances, [Vector; MAX_ANCHORS]) {
+        let (mut distances, mut missing) = (Distances::NONE, [[0.0; 3]; MAX_ANCHORS]);
+        for ((slot, error), anchor) in missing.iter_mut().zip(&mut distances.errors).zip(self.anchors.iter()) {
             let frame = usize::from(anchor.frame);
-            let whole = scale(anchor.residual(place(self.pose(frame).as_ref(), anchor.joint)), -1.0);
+            let at = self.poses.get(frame).map(|pose| self.edit.joint(pose, frame, anchor.joint));
+            let whole = scale(anchor.residual(at.unwrap_or_default()), -1.0);
             let (far, most) = (length(whole), self.step * (frame + NEAR) as f32);
+            distances.squares += far * far;
+            *error = far;
             *slot = if far > most { scale(whole, most / far) } else { whole };
         }
-        missing
+        (distances, missing)
     }
 
     /// One repetition: path and height take their share of what is missing, then the parts what is left.
-    fn round(&mut self) {
+    fn round(&mut self, missing: &[Vector; MAX_ANCHORS]) {
         let count = self.anchors.len();
-        let missing = self.missing();
         let system = &mut *self.system;
         let edit = &mut *self.edit;
-        let mut path = edit.lacks_of_path(&missing);
+        let mut path = edit.lacks_of_path(missing);
         let path = part_mut!(path, ..count + TAIL);
         Cholesky::new(system, count + TAIL, RIDGE, &|i, j| edit.of_path(i, j)).solve(path.as_flattened_mut(), 2);
         let mut heights = [[0.0]; MAX_ANCHORS];
@@ -253,7 +246,7 @@ impl Solver<'_, '_> {
     fn sweep(&mut self) {
         let count = self.anchors.len();
         for _ in 0..SWEEPS {
-            let mut missing = self.missing();
+            let (_, mut missing) = self.lacks();
             for (slot, (point, own)) in missing.iter_mut().zip(self.edit.points().iter().zip(self.edit.own.iter())) {
                 let lack = if point.part == Part::Body { [0.0; 3] } else { *slot };
                 *slot = subtract(lack, scale(*own, point.loose));
@@ -281,12 +274,30 @@ impl Solver<'_, '_> {
                 }
             }
         };
-        for t in 1..self.poses.len() {
-            let path = subtract(edit.shift(t), edit.shift(t - 1));
-            let along = |part| {
-                let way = |frame| edit.way(frame, &|other| other == part);
-                add(path, subtract(way(t), way(t - 1)))
+        let points = || edit.points().iter().enumerate();
+        let mut before = [[0.0; 3]; MAX_ANCHORS];
+        for t in 0..self.poses.len() {
+            // Each part once, whatever the number of its anchors.
+            let first = |(index, point): &(usize, &Point)| {
+                point.part != Part::Body
+                    && edit.points().iter().position(|other| other.part == point.part) == Some(*index)
             };
+            let path = if t > 0 { subtract(edit.shift(t), edit.shift(t - 1)) } else { [0.0; 3] };
+            let mut ankles = [path; 2];
+            for ((_, point), before) in points().zip(&mut before).filter(|(point, _)| first(point)) {
+                let way = edit.way(t, &|other| other == point.part);
+                let along = add(path, subtract(way, *before));
+                *before = way;
+                if t > 0 {
+                    blame((t, t), along, &|part| part == point.part);
+                }
+                for (ankle, side) in ankles.iter_mut().zip([Side::Left, Side::Right]) {
+                    *ankle = if point.part == Part::Ankle(side) { along } else { *ankle };
+                }
+            }
+            if t == 0 {
+                continue;
+            }
             // Where the path itself is fast, the anchors near by pull at it, or, where there are none, those before and behind.
             if 2.0 * length(path) > self.step {
                 let frames = || edit.points().iter().map(|point| point.frame);
@@ -299,15 +310,8 @@ impl Solver<'_, '_> {
                 };
                 blame(pullers, path, &|_| true);
             }
-            for (index, point) in edit.points().iter().enumerate() {
-                // Each part once, whatever the number of its anchors.
-                let mut earlier = edit.points().iter().take(index);
-                if point.part != Part::Body && earlier.all(|other| other.part != point.part) {
-                    blame((t, t), along(point.part), &|part| part == point.part);
-                }
-            }
-            for side in [Side::Left, Side::Right] {
-                let put = add(along(Part::Ankle(side)), subtract(edit.put(side, t), edit.put(side, t - 1)));
+            for (side, along) in [Side::Left, Side::Right].into_iter().zip(ankles) {
+                let put = add(along, subtract(edit.put(side, t), edit.put(side, t - 1)));
                 blame((t, t), put, &|part| part == Part::Ankle(side));
             }
         }
