@@ -43,6 +43,7 @@ pub mod planner;
 pub mod prior;
 pub mod quantizer;
 pub mod quasi_newton;
+pub mod reach;
 pub mod real;
 pub mod recover;
 pub mod resblock;

@@ -157,7 +157,8 @@ impl Yardstick {
         };
         vec![
             ("control_error_cm", anchored(&|c| mean(c.errors_cm.iter().copied()))),
-            ("loosened", anchored(&|c| c.loosened as f64 / c.errors_cm.len().max(1) as f64)),
+            ("loosened", anchored(&|c| c.loosened as f64 / c.anchors().max(1) as f64)),
+            ("unreachable", anchored(&|c| c.unreachable as f64 / c.anchors().max(1) as f64)),
             ("jerk", anchored(&|c| c.jerk)),
             ("jerk_at_anchors", anchored(&|c| c.jerk_at_anchors)),
             ("foot_speed", anchored(&|c| c.foot_speed)),

@@ -12,8 +12,10 @@ use crate::evaluator::motion;
 /// What became of a motion's anchors, and of the motion for their sake.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Controlled {
-    /// Distance from each of them, centimetres.
+    /// Distance from each of those that some motion may meet, centimetres.
     pub errors_cm: Vec<f64>,
+    /// Those that no motion meets within the speed that may be added, by the reference's pairs.
+    pub unreachable: usize,
     /// Of them those that were loosened, because they ask for too much speed.
     pub loosened: usize,
     /// Mean magnitude of the jerk over all joints, m/s^3.
@@ -32,6 +34,13 @@ pub struct Controlled {
     pub evaluations: f64,
     /// How far the edit took the motion from what was generated; 0 without one.
     pub strain: f64,
+}
+
+impl Controlled {
+    /// Number of its anchors.
+    pub fn anchors(&self) -> usize {
+        self.errors_cm.len() + self.unreachable
+    }
 }
 
 /// One motion, judged.

@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use motionette::refining::Config;
+use motionette::refining::{Config, Exact};
 use motionette::{Bones, Request};
 use motionette_host::blob::BlobFile;
 use motionette_host::motion::Pose;
 use motionette_host::reference::Anchor;
 use motionette_host::reference::bridge::runtime_anchor;
+use motionette_host::reference::reach;
 use motionette_host::{metrics, parallel, verify};
 use serde::{Deserialize, Serialize};
 
@@ -200,11 +201,17 @@ impl Bench<'_> {
         let error =
             |anchor: &motionette::Anchor| metrics::anchor_error(&motion.joints, anchor).map(|error| 100.0 * error);
         let errors_cm: Option<Vec<f64>> = anchors.iter().map(error).collect();
+        let errors_cm = errors_cm.context("anchors lie within the motion")?;
+        // Of the motion that was generated for these tokens, whatever bends it.
+        let generated = verify::run(self.blob, &prompt.caption, &Request::tokens(&motion.tokens).unrefined())?.joints;
+        let generated: Vec<_> = generated.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
+        let out = reach::unreachable(&generated, &known, Exact::DEFAULT.added_speed.into(), FPS as f64);
         let frames: Vec<usize> = known.iter().map(|anchor| anchor.frame).collect();
         let (joints, fps) = (&motion.joints, FPS as f64);
         let edited = motion.refinement.and_then(|report| report.edited);
         let controlled = Controlled {
-            errors_cm: errors_cm.context("anchors lie within the motion")?,
+            unreachable: out.iter().filter(|out| **out).count(),
+            errors_cm: errors_cm.into_iter().zip(out).filter(|(_, out)| !out).map(|(error, _)| error).collect(),
             loosened: edited.map_or(0, |edited| edited.loosened.into()),
             jerk: metrics::jerk(joints, fps),
             jerk_at_anchors: metrics::jerk_around(joints, fps, &frames),
