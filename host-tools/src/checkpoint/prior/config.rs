@@ -27,7 +27,7 @@ const MAX_ROWS: usize = 1 << 15;
 /// Most layers.
 pub(in crate::checkpoint) const MAX_LAYERS: usize = 64;
 /// Longest phrase, bytes.
-const MAX_PHRASE: usize = 64;
+pub const MAX_PHRASE: usize = 64;
 /// Longest word, bytes: longer ones are unknown to every vocabulary.
 pub const MAX_WORD: usize = 32;
 /// Longest prompt and longest motion, in words and tokens.

@@ -8,8 +8,8 @@ pub(super) mod config;
 use std::path::Path;
 
 pub use config::{
-    Activation, BOUNDARIES, Form, MAX_WORD, Meaning, NormOrder, PriorConfig, STRENGTHS, Sizes, TIMES, UNCONDITIONAL,
-    UNKNOWN,
+    Activation, BOUNDARIES, Form, MAX_PHRASE, MAX_WORD, Meaning, NormOrder, PriorConfig, STRENGTHS, Sizes, TIMES,
+    UNCONDITIONAL, UNKNOWN,
 };
 
 use sha2::{Digest, Sha256};

@@ -15,6 +15,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::table::{self, Error};
+use crate::checkpoint::prior::MAX_PHRASE;
 use crate::dataset::Side;
 use inflect::{FORMS, Form};
 use motionette::numerics::hash::Stream;
@@ -149,21 +150,30 @@ impl Phrases {
         self.action(action, side).map(|(action, side)| (action.name.as_str(), side))
     }
 
-    /// The plainest sentence for the entry of that name: "a person" and its first verb phrase, which says the side where there is one.
-    /// `None` where no phrase can say that side.
+    /// The plainest sentence for the entry of that name: "a person" and its first verb phrase that says the side, where there is one, and is
+    /// short enough for a phrase bank. `None` where no phrase is.
     #[must_use]
     pub fn plain(&self, entry: &str, side: Side) -> Option<String> {
         let action = self.actions.iter().find(|action| action.name == entry)?;
         let usable = action.usable(DO, side);
         let sided = matches!(side, Side::Left | Side::Right);
         let says = |template: &&&str| template.contains("{side}") || template.contains("{clock}");
-        let template = if sided { usable.iter().find(says)? } else { usable.first()? };
         let sentence = Sentence::plain(self, side);
-        Some(tidy(&format!(
-            "{} {}",
-            sentence.slot("who"),
-            sentence.fill(&first(template), Form::Agree, &mut Stream::new(0))
-        )))
+        let said = |template: &&str| {
+            let deed = sentence.fill(&first(template), Form::Agree, &mut Stream::new(0));
+            tidy(&format!("{} {deed}", sentence.slot("who")))
+        };
+        let short: Vec<String> = usable
+            .iter()
+            .filter(|template| !sided || says(template))
+            .map(said)
+            .filter(|said| said.len() <= MAX_PHRASE)
+            .collect();
+        // A template may say the side in one of its alternatives alone.
+        let aloud = |said: &&String| {
+            said.split(' ').any(|word| word == sentence.slot("side") || word == sentence.slot("clock"))
+        };
+        short.iter().find(|said| sided && aloud(said)).or(short.first()).cloned()
     }
 
     /// The plainest way to say a style.

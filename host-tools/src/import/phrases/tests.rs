@@ -67,6 +67,28 @@ fn words_of_an_action_are_those_of_its_sentences() {
     assert!(phrases.words("amble").is_empty());
 }
 
+/// What a phrase bank stores: every action and side that somebody can ask for has a sentence that is short enough, and says the side where the
+/// action's name does.
+#[test]
+fn every_action_has_a_plain_sentence_of_its_side() {
+    let phrases = shipped();
+    for action in &phrases.actions {
+        for side in [Side::Left, Side::Right, Side::None] {
+            let named = action.name.contains("{side}");
+            let says = |template: &String| template.contains("{side}") || template.contains("{clock}");
+            if (side == Side::None && named) || (side != Side::None && !action.kinds[0].iter().any(says)) {
+                continue;
+            }
+            let plain = phrases.plain(&action.name, side);
+            let plain = plain.unwrap_or_else(|| panic!("no plain sentence for {} {side}", action.name));
+            let clock = if side == Side::Left { "counterclockwise" } else { "clockwise" };
+            let words: Vec<&str> = plain.split(' ').collect();
+            assert!(plain.len() <= 64, "{plain:?}");
+            assert!(!named || words.contains(&side.to_string().as_str()) || words.contains(&clock), "{plain:?}");
+        }
+    }
+}
+
 #[test]
 fn the_other_side_is_the_same_sentence_exchanged() {
     let phrases = shipped();

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
-use motionette::representation::rigid::Body;
 use motionette::Model;
+use motionette::representation::rigid::Body;
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::file_hash;
 use motionette_host::console::remark;
