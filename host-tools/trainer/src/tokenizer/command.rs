@@ -9,9 +9,9 @@ use serde_json::json;
 
 use super::checkpoint::Checkpoint;
 use super::config::Config;
-use super::metrics;
 use super::state::State;
 use super::training::{Trainer, measured};
+use super::{kept, metrics};
 use crate::harness::configuration::DatasetHash;
 use crate::harness::options::{finish, with_default};
 use crate::harness::{Length, Options, Run};
@@ -51,7 +51,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let checkpoint = Checkpoint::load(path)?;
         let reports = metrics::evaluate(&checkpoint, &dataset, &measured(&dataset))?;
         say(metrics::table(&reports).trim_end());
-        return finish(options.json, &json!({"checkpoint": path, "steps": checkpoint.steps, "reports": reports}));
+        let kept = kept::kept(&checkpoint, &dataset, &measured(&dataset));
+        if !kept.is_empty() {
+            say(kept::table(&kept).trim_end());
+        }
+        let steps = checkpoint.steps;
+        return finish(options.json, &json!({"checkpoint": path, "steps": steps, "reports": reports, "kept": kept}));
     }
     args.length.check()?;
     let from = args.from.as_deref().map(Checkpoint::load).transpose()?;

@@ -134,7 +134,16 @@ pub fn evaluate(checkpoint: &Checkpoint, dataset: &Dataset, splits: &[Split]) ->
     Ok(reports)
 }
 
-fn measure(checkpoint: &Checkpoint, network: &Network, clip: &ClipView<'_>, device: &Device, sums: &mut Sums) {
+/// A clip through encoder, nearest codes and decoder.
+pub(super) struct Decoded {
+    ids: Vec<u16>,
+    features: Vec<f32>,
+    /// As many frames as whole tokens stand for, of [`MAX_FRAMES`] at most.
+    pub joints: Vec<Pose>,
+}
+
+/// What the tokenizer makes of a clip of a token or more.
+pub(super) fn decoded(checkpoint: &Checkpoint, network: &Network, clip: &ClipView<'_>, device: &Device) -> Decoded {
     let frames = clip.frames().min(MAX_FRAMES) / FRAMES_PER_TOKEN * FRAMES_PER_TOKEN;
     let dim = checkpoint.config.architecture.code_dim;
     let features = checkpoint.normalization.apply(&clip.features[..frames * FEATURES]);
@@ -144,8 +153,14 @@ fn measure(checkpoint: &Checkpoint, network: &Network, clip: &ClipView<'_>, devi
     let u: Vec<f32> =
         ids.iter().flat_map(|id| checkpoint.codebook[usize::from(*id) * dim..][..dim].iter().copied()).collect();
     let u = Tensor::from_data(TensorData::new(u, [1, ids.len(), dim]), device);
-    let decoded = checkpoint.normalization.restore(&values(network.decode(u, None)));
-    let joints = recover::joints(&decoded).expect("the decoder gives whole rows");
+    let features = checkpoint.normalization.restore(&values(network.decode(u, None)));
+    let joints = recover::joints(&features).expect("the decoder gives whole rows");
+    Decoded { ids, features, joints }
+}
+
+fn measure(checkpoint: &Checkpoint, network: &Network, clip: &ClipView<'_>, device: &Device, sums: &mut Sums) {
+    let Decoded { ids, features: decoded, joints } = decoded(checkpoint, network, clip, device);
+    let frames = joints.len();
     for id in ids {
         sums.counts[usize::from(id)] += 1;
     }

@@ -11,6 +11,7 @@
 //! | [`state`] | what a run begins with, and the codebook in its state |
 //! | [`checkpoint`] | the finished tokenizer, as a file |
 //! | [`metrics`] | joint errors, drift, code use |
+//! | [`kept`] | which actions rules over joints still see |
 //! | [`curves`] | points and diagrams of a run |
 //! | [`command`] | `motionette-train tokenizer` |
 
@@ -19,6 +20,7 @@ pub mod checkpoint;
 pub mod command;
 pub mod config;
 pub mod curves;
+pub mod kept;
 pub mod loss;
 pub mod metrics;
 pub mod model;
