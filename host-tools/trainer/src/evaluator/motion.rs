@@ -151,7 +151,8 @@ mod tests {
     #[test]
     fn prepared_motion_does_not_depend_on_where_it_was() {
         let (dataset, index) = example();
-        let joints = dataset.clip(index).joints;
+        // With the bones that it is to have: to which side a straight limb that is too long bends, the world says.
+        let joints = &rigid(dataset.clip(index).joints);
         let moved: Vec<Pose> = joints.iter().map(|pose| pose.map(|[x, y, z]| [z + 1.0, y + 0.5, 2.0 - x])).collect();
         let (a, b) = (prepare(joints).unwrap(), prepare(&moved).unwrap());
         assert_eq!(a.joints.len(), joints.len() - 1);

@@ -118,9 +118,10 @@ fn words_with_vectors_and_phrases_are_learnt() {
     let args = args(folder.path(), &format!("{files} --steps 120 --log-every 10 --save-every 100 --set meaning=1"));
     run(&args).unwrap();
     let points = State::load(&args.options.state_file()).unwrap().curves.points;
-    assert!(points[points.len() - 1].meaning < 0.5 * points[0].meaning, "{points:?}");
+    let last = &points[points.len() - 1];
+    assert!(last.meaning < 0.7 * points[0].meaning && last.understood > 0.8, "{points:?}");
     let prior = motionette_host::checkpoint::prior::load(&args.options.checkpoint()).unwrap();
-    assert_eq!((prior.config.word_vectors, prior.config.vocabulary.len()), (64, 11_076));
+    assert_eq!((prior.config.word_vectors, prior.config.vocabulary.len()), (64, 14_021));
     let names: Vec<&str> = prior.config.meanings.iter().map(|meaning| meaning.name.as_str()).collect();
     assert_eq!(names, ["kick", "walk"]);
     // The table is what it was.

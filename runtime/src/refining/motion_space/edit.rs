@@ -397,12 +397,8 @@ impl<'a> Edit<'a> {
 
     /// Where the edit puts one joint of it.
     pub fn joint(&self, pose: &Pose, frame: usize, joint: u8) -> Vector {
-        let limbs = match joint {
-            0 | 1 | 2 => [false; 3],
-            4 | 7 | 10 => [true, false, false],
-            5 | 8 | 11 => [false, true, false],
-            _ => [false, false, true],
-        };
+        let (left, right) = (matches!(joint, 4 | 7 | 10), matches!(joint, 5 | 8 | 11));
+        let limbs = [left, right, joint > 2 && !left && !right];
         self.applied(pose, frame, limbs).get(usize::from(joint)).copied().unwrap_or_default()
     }
 
