@@ -224,7 +224,9 @@ fn anchored(args: &Args, table: Table, dataset: &Dataset, judge: &Judge, codec: 
     }
     let blob = BlobFile::open(&args.blob)?;
     let (real, moved) = targets(&blob.model()?, &real);
-    let identity = format!("{} {} {} {:?}", file_hash(&args.blob)?, dataset.hash, real.len(), args.generation);
+    // What was judged by another judge, or of another split, is another group.
+    let (blob_hash, judge_hash) = (file_hash(&args.blob)?, file_hash(&args.evaluator)?);
+    let identity = format!("{blob_hash} {} {split} {} {judge_hash} {:?}", dataset.hash, real.len(), args.generation);
     let store = Store::open(&args.store)?;
     let mut bench =
         Bench { judge, yardstick, real, blob: &blob, identity, planners, generation: args.generation, store };
