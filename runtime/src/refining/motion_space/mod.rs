@@ -176,7 +176,8 @@ impl Solver<'_, '_> {
         let before = Distances::of(self.anchors, &|joint, frame| place(self.poses.get(frame), joint));
         let before = before.control_error(self.anchors);
         (edited.before, edited.strain.anchor) = (Some(before), before.worst_anchor);
-        let (mut distances, mut missing) = self.lacks();
+        let mut missing = [[0.0; 3]; MAX_ANCHORS];
+        let mut distances = self.lacks(&mut missing);
         while edited.rounds < MORE_ROUNDS {
             let off = |(error, point): (&f32, &Point)| *error > MET && point.loose == 0.0;
             let open = distances.errors.iter().zip(self.edit.points()).any(off);
@@ -190,11 +191,11 @@ impl Solver<'_, '_> {
             }
             self.round(&missing);
             edited.rounds += 1;
-            (distances, missing) = self.lacks();
+            distances = self.lacks(&mut missing);
         }
         if self.edit.settle(self.poses, self.anchors, &missing) {
             self.sweep();
-            (distances, _) = self.lacks();
+            distances = self.lacks(&mut missing);
         }
         edited.loosened = self.edit.points().iter().filter(|point| point.loose > 0.0).count() as u16;
         edited.after = Some(distances.control_error(self.anchors));
@@ -203,8 +204,8 @@ impl Solver<'_, '_> {
 
     /// Distances of the edited motion, and what is missing at each anchor, metres; never more than speed allows from the first frame on, and so
     /// finite whatever is asked for.
-    fn lacks(&self) -> (Distances, [Vector; MAX_ANCHORS]) {
-        let (mut distances, mut missing) = (Distances::NONE, [[0.0; 3]; MAX_ANCHORS]);
+    fn lacks(&self, missing: &mut [Vector; MAX_ANCHORS]) -> Distances {
+        let mut distances = Distances::NONE;
         for ((slot, error), anchor) in missing.iter_mut().zip(&mut distances.errors).zip(self.anchors.iter()) {
             let frame = usize::from(anchor.frame);
             let at = self.poses.get(frame).map(|pose| self.edit.joint(pose, frame, anchor.joint));
@@ -214,7 +215,7 @@ impl Solver<'_, '_> {
             *error = far;
             *slot = if far > most { scale(whole, most / far) } else { whole };
         }
-        (distances, missing)
+        distances
     }
 
     /// One repetition: path and height take their share of what is missing, then the parts what is left.
@@ -246,7 +247,8 @@ impl Solver<'_, '_> {
     fn sweep(&mut self) {
         let count = self.anchors.len();
         for _ in 0..SWEEPS {
-            let (_, mut missing) = self.lacks();
+            let mut missing = [[0.0; 3]; MAX_ANCHORS];
+            self.lacks(&mut missing);
             for (slot, (point, own)) in missing.iter_mut().zip(self.edit.points().iter().zip(self.edit.own.iter())) {
                 let lack = if point.part == Part::Body { [0.0; 3] } else { *slot };
                 *slot = subtract(lack, scale(*own, point.loose));
