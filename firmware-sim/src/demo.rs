@@ -3,32 +3,29 @@
 
 use crate::default_model;
 use crate::intervals;
+use crate::planners::{self, Checkpoints, Compared};
 use crate::report::{Parts, Report};
 use crate::robot::{Kind, Played, Stage};
 use crate::sample_clips;
 use crate::session::{self, Outcome};
 use crate::source::{self, Content, Source};
-use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownStage, ShownWord};
+use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownStage};
 use anyhow::{Context, bail};
 use clap::Args;
 use motionette::generation::tokens::{Length, Planning};
-use motionette::numerics::hash::Stream;
 use motionette::playback::Robot;
 use motionette::refining::{Config, Exact};
 use motionette::representation::skeleton::{NAMES, PARENTS};
 use motionette::request::conditions::AnchorSet;
-use motionette::text::words::{UNKNOWN, Words};
 use motionette::{Anchor, Model, Request};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::TokenizerCheckpoint;
 use motionette_host::cli::Refinement;
 use motionette_host::console::say;
-use motionette_host::dataset::captioned::CaptionedMotion;
 use motionette_host::motion::Pose;
 use motionette_host::reference::bridge::reference_anchor;
-use motionette_host::reference::{self, DecodePath, Prior, motion_space};
-use motionette_host::verify::planner;
+use motionette_host::reference::{self, DecodePath, motion_space};
 use motionette_host::{anchors_file, export, output, robot_file};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -170,7 +167,9 @@ impl Cmd {
             Content::Tokens(_) => None,
             Content::Prompt(text) => {
                 let anchors = if motions.alone.is_some() { &source.anchors[..] } else { &[] };
-                Some(self.compare_planners(text, anchors, &blob, &checkpoint, after)?)
+                let checkpoints = Checkpoints { prior: self.prior.as_deref(), control: self.control.as_deref() };
+                let of = (&blob, &checkpoint, checkpoints);
+                Some(planners::compare((text, &self.planning(&model)), anchors, of, after)?)
             }
         };
 
@@ -192,7 +191,7 @@ impl Cmd {
         let unseen = plan.is_some() && after.unconditioned_anchors > 0;
         let unconditioned_because = match unseen {
             true if self.unconditioned => Some("--unconditioned".to_owned()),
-            true => Some(blob.unconditioned_because()?),
+            true => Some(blob.unconditioned_because(Some(&source.caption))?),
             false => None,
         };
         let report = Report::from(&Parts {
@@ -336,60 +335,6 @@ impl Cmd {
         }
     }
 
-    /// Asks the reference what it would have proposed in the runtime's place, at every step. `anchors` are those that the planner was
-    /// given.
-    fn compare_planners(
-        &self,
-        prompt: &str,
-        anchors: &[Anchor],
-        blob: &BlobFile,
-        tokenizer: &TokenizerCheckpoint,
-        after: &Outcome,
-    ) -> anyhow::Result<Compared> {
-        let checkpoint = default_model::prior(self.prior.as_deref())?;
-        let checkpoint = motionette_host::verify::same_words(blob, checkpoint)?;
-        let mut prior = Prior::<f32>::new(&checkpoint, tokenizer);
-        if !anchors.is_empty() {
-            let control = default_model::control(self.control.as_deref())?;
-            control.check_prior(&checkpoint, tokenizer).context("matching control and prior")?;
-            motionette_host::verify::check_same_control(blob, &control)?;
-            prior = prior.controlled(&control, tokenizer.config.fps);
-        }
-        let read = prior.text.read(prompt)?;
-        let case = CaptionedMotion {
-            id: "prompt".into(),
-            prompt: prompt.to_owned(),
-            words: read.ids,
-            tokens: after.tokens.clone(),
-            anchors: anchors.iter().map(reference_anchor).collect(),
-        };
-        let guided = case.guided(&prior, 1.0);
-        let codes = prior.planner.codes;
-        let planning = self.planning(&blob.model()?);
-        // The first step saw random tokens, every other one what the step before it left.
-        let mut stream = Stream::new(self.seed);
-        let first: Vec<u16> = after.tokens.iter().map(|_| stream.below(codes as u32) as u16).collect();
-        let (mut same, mut positions) = (0, 0);
-        for (k, tokens) in std::iter::once(&first).chain(&after.steps).take(after.steps.len()).enumerate() {
-            let time = f64::from(planning.schedule.time(k as u16, planning.steps));
-            let (expected, found) =
-                (prior.logits(&guided, tokens, time, &[]), planner::logits(blob, &case, tokens, time)?);
-            for (a, b) in expected.chunks_exact(codes).zip(found.chunks_exact(codes)) {
-                same += usize::from(planner::most_probable(a) == planner::most_probable(b));
-                positions += 1;
-            }
-        }
-        let model = blob.model()?;
-        let vocabulary = model.text().and_then(|text| text.encoder()).map(|encoder| encoder.vocabulary());
-        let words = Words::new(prompt)
-            .map(|word| ShownWord {
-                text: word.as_str().to_owned(),
-                known: vocabulary.is_some_and(|vocabulary| vocabulary.id(&word) != UNKNOWN),
-            })
-            .collect();
-        Ok(Compared { words, agreement: same as f64 / f64::from(positions.max(1)) })
-    }
-
     fn write(&self, results: &Results<'_>, reference: &[Pose], report: &Report) -> anyhow::Result<()> {
         let Results { source, motions, plan, played } = *results;
         let Motions { alone, before, after } = motions;
@@ -422,7 +367,7 @@ impl Cmd {
             frames_per_token: after.joints.len() / report.tokens.max(1),
             plan: plan.map(|plan| ShownPlan {
                 words: plan.words.clone(),
-                steps: after.steps.clone(),
+                steps: plan.steps.clone(),
                 fixed: Vec::new(),
             }),
             stages: stages(after),
@@ -467,19 +412,6 @@ struct Motions {
     before: Outcome,
     /// Bent onto the anchors.
     after: Outcome,
-}
-
-/// A prompt as the model read it, and how the planner compares with the reference.
-struct Compared {
-    words: Vec<ShownWord>,
-    agreement: f64,
-}
-
-impl Compared {
-    /// Words that the model does not know.
-    fn unknown(&self) -> Vec<String> {
-        self.words.iter().filter(|word| !word.known).map(|word| word.text.clone()).collect()
-    }
 }
 
 /// Work and time of each stage.

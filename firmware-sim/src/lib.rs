@@ -18,6 +18,7 @@
 pub mod default_model;
 pub mod demo;
 pub mod intervals;
+mod planners;
 pub mod report;
 pub mod robot;
 pub mod sample_clips;

@@ -1,6 +1,7 @@
 //! One request through the runtime in one static buffer, watched: timings, memory, control-error curve.
 
 use motionette::{Anchor, Error, Generator, JOINTS, Model, Motion, Observer, Plan, Progress, Request, Stage, Stop};
+use motionette_host::console;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -101,7 +102,7 @@ pub fn run(model: &Model<'_>, request: &Request<'_>, report: fn(&Progress)) -> R
             tokens: motion.tokens().to_vec(),
             steps: watch.steps,
             unknown_words: motion.unknown_words(),
-            understood: motion.understood().map(|understood| model.in_words(understood).to_string()),
+            understood: console::understood(&model, &motion),
             unconditioned_anchors: motion.unconditioned_anchors(),
             refinement: motion.refinement,
             errors: watch.errors,

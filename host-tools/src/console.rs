@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::sync::{Mutex, PoisonError};
 
 use motionette::refining::Strain;
+use motionette::{Model, Motion};
 
 /// Standard output took not everything.
 #[derive(Debug, thiserror::Error)]
@@ -43,6 +44,13 @@ pub fn strained(value: f32, around: &str) -> String {
         false => "",
     };
     format!("{value:.2}, most of it around {around}{warning}")
+}
+
+/// What a motion's prompt was understood as, its clauses in the order in which they are done; `None` where nothing was to be understood.
+pub fn understood(model: &Model<'_>, motion: &Motion<'_>) -> Option<String> {
+    let clauses = motion.understood().into_iter().chain(motion.then());
+    let clauses: Vec<String> = clauses.map(|clause| model.in_words(clause).to_string()).collect();
+    (!clauses.is_empty()).then(|| clauses.join(", then "))
 }
 
 /// A line on standard error: what is under way. A run does not end because nobody can read it.

@@ -78,7 +78,8 @@ fn decoder(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
 fn planner(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
     let Some(modules) = model.planning() else { return Ok(()) };
     let tokens = model.max_tokens();
-    let limits = PlanningLimits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false };
+    let limits =
+        PlanningLimits { words: PROMPT.split(' ').count(), steps: 1, guided: false, anchors: false, clauses: 1 };
     let mut memory = vec![0u128; modules.bytes(tokens, &limits, rows).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens, &limits, rows)?;

@@ -131,6 +131,7 @@ pub use request::joint::{Joint, NoSuchJoint};
 pub use request::prompt::{Prompt, PromptError, PromptStats};
 pub use request::{Bones, Request, Source};
 pub use stop::Stop;
+pub use text::clauses::{Clauses, MAX_CLAUSES};
 pub use text::meaning::{Guess, NEAREST, Understood};
 pub use text::words::{MAX_PROMPT, MAX_WORD, Word, Words};
 

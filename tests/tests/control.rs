@@ -172,7 +172,7 @@ fn logits(tiny: &Tiny, scene: &Scene, planning: &Planning<'_>, anchors: bool) ->
     let model = Model::open(tiny.bytes()).expect("the blob opens");
     let modules = model.planning().expect("the blob plans");
     let tokens = scene.tokens.len();
-    let limits = PlanningLimits { words: IDS.len(), steps: 1, guided: planning.guided(), anchors };
+    let limits = PlanningLimits { words: IDS.len(), steps: 1, guided: planning.guided(), anchors, clauses: 1 };
     let bytes = modules.bytes(tokens, &limits, ROWS).all();
     let mut words = vec![0u128; bytes / 16];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut words));
@@ -378,7 +378,7 @@ fn planned_work_is_that_of_the_layers() {
     let modules = model.planning().unwrap();
     let (l, d, layers, steps) = (6u64, 8u64, 2u64, 4u64);
     let (ds, hs, blocks, fw, r) = (6u64, 9u64, 2u64, 5u64, 3u64);
-    let limits = PlanningLimits { words: 5, steps: 4, guided: true, anchors: false };
+    let limits = PlanningLimits { words: 5, steps: 4, guided: true, anchors: false, clauses: 1 };
     let without = modules.macs(6, &limits);
     let scaffold = l * (4 * 244 * fw + 4 * fw * ds + blocks * (4 * ds * ds + 2 * l * ds + 2 * ds * hs));
     let once = scaffold + layers * l * (ds * r + r * 2 * d) + ds * ds + ds * d + l * ds * d;

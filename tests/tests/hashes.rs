@@ -88,7 +88,7 @@ fn drain(stream: &mut MotionStream<'_, '_>, mut hash: Fnv) -> Fnv {
 
 fn streams(model: &Model<'_>, hashes: &mut Hashes) {
     let bundle = SampleClips::built_in().expect("the bundle reads");
-    let planning = planning::PlanningLimits { words: 16, steps: 3, guided: true, anchors: false };
+    let planning = planning::PlanningLimits { words: 16, steps: 3, guided: true, anchors: false, clauses: 1 };
     with_generator(model, |generator| {
         let limits = StreamLimits { tokens: 24, planning: Some(planning), rows: 8 };
         let mut given = generator.stream(&limits).expect("the arena is large enough");

@@ -241,7 +241,7 @@ impl Seen {
         let guided = random.below(2) == 0;
         let (words, rows) = (text.split(' ').count(), random.below(30) as usize);
         let planned = model.planning().is_some() && encoder && random.below(4) > 0;
-        let planning = planned.then_some(planning::PlanningLimits { words, steps, guided, anchors: false });
+        let planning = planned.then_some(planning::PlanningLimits { words, steps, guided, anchors: false, clauses: 1 });
         let limits = StreamLimits { tokens: capacity, planning, rows };
         let plan = StreamPlan::new(model, &limits).expect("the limits are legal");
         let mut memory = Painted::new(plan.arena_bytes);

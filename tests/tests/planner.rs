@@ -85,7 +85,8 @@ fn logits_agree_with_the_oracle_for_every_shape_and_scene() {
         let tiny = Tiny::new(shape.clone(), 70 + seed as u64);
         for scene in scenes() {
             for guidance in [1.0f32, 2.5, 0.0] {
-                let limits = PlanningLimits { words: IDS.len(), steps: 1, guided: guidance != 1.0, anchors: false };
+                let limits =
+                    PlanningLimits { words: IDS.len(), steps: 1, guided: guidance != 1.0, anchors: false, clauses: 1 };
                 let mut fixed = Vec::new();
                 let planning = planning(&scene, &mut fixed, guidance);
                 let got: Rows = session(&tiny, scene.tokens.len(), limits, |session| {
@@ -141,7 +142,7 @@ fn stored_prompts_and_lengths_agree_with_the_oracle() {
         let tiny = Tiny::new(shape, 81);
         let scene = &scenes()[1];
         for (index, name, rows) in [(1, "wave", 3), (2, "stand still", 1), (0, "<none>", 2)] {
-            let limits = PlanningLimits { words: rows, steps: 1, guided: true, anchors: false };
+            let limits = PlanningLimits { words: rows, steps: 1, guided: true, anchors: false, clauses: 1 };
             let (got, length): (Rows, usize) = session(&tiny, 7, limits, |session| {
                 let heard = session
                     .read(&Prompt::Bank(name), &mut || ControlFlow::Continue(()))
@@ -304,7 +305,7 @@ fn the_first_step_of_whole_requests_has_the_marginals_of_the_sampler() {
     let expected = |temperature: f64, c: f64| {
         let mut p = vec![0.0; 5];
         for z in 0..5u16 {
-            let limits = PlanningLimits { words: 3, steps: 1, guided: false, anchors: false };
+            let limits = PlanningLimits { words: 3, steps: 1, guided: false, anchors: false, clauses: 1 };
             let logits: Vec<f64> = session(&tiny, 1, limits, |session| {
                 let _ = session.read(&Prompt::Text("a person waves"), &mut || ControlFlow::Continue(())).unwrap();
                 let planning = Planning { guidance: 1.0, ..Planning::DEFAULT };

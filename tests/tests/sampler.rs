@@ -71,7 +71,7 @@ fn another_rule_draws_by_the_same_passes() {
     let model = Model::open(tiny.bytes()).expect("the blob opens");
     let modules = model.planning().expect("the blob plans");
     let (length, fixed) = (7, [Fixed { position: 2, token: 9 }]);
-    let limits = PlanningLimits { words: 3, steps: 2, guided: true, anchors: false };
+    let limits = PlanningLimits { words: 3, steps: 2, guided: true, anchors: false, clauses: 1 };
     let planning = Planning { fixed: &fixed, ..Planning::DEFAULT };
     let mut words = vec![0u128; modules.bytes(length, &limits, ROWS).all() / 16];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut words));

@@ -24,7 +24,7 @@ fn tiny() -> Tiny {
 }
 
 fn limits(model: &Model<'_>, steps: u16) -> StreamLimits {
-    let planning = planning::PlanningLimits { words: WORDS, steps, guided: true, anchors: false };
+    let planning = planning::PlanningLimits { words: WORDS, steps, guided: true, anchors: false, clauses: 1 };
     StreamLimits { tokens: model.max_tokens(), planning: Some(planning), rows: ROWS }
 }
 
@@ -437,7 +437,7 @@ fn no_seam_shows_across_twenty_segments() {
         eprintln!("skipped: the bundled model has no planner");
         return;
     }
-    let planning = planning::PlanningLimits { words: 8, steps: 10, guided: true, anchors: false };
+    let planning = planning::PlanningLimits { words: 8, steps: 10, guided: true, anchors: false, clauses: 1 };
     let limits = StreamLimits { tokens: WINDOW, planning: Some(planning), rows: ROWS };
     let mut arena = vec![0u8; 1 << 20];
     let mut generator = Generator::new(model.clone(), &mut arena).unwrap();

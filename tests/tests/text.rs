@@ -167,7 +167,7 @@ fn the_stream_and_the_steps_are_those_that_are_documented() {
         let request = base().seed(seed).sampling(sampling).fixed(&fixed).steps(5).anchors(anchors);
         let got = with(&tiny, |generator| trace(generator, &request));
 
-        let limits = PlanningLimits { words: 6, steps: 5, guided: true, anchors: true };
+        let limits = PlanningLimits { words: 6, steps: 5, guided: true, anchors: true, clauses: 1 };
         let modules = model.planning().unwrap();
         let mut words = vec![0u128; modules.bytes(6, &limits, ROWS).all() / 16];
         let mut arena = motionette::memory::Arena::new(bytemuck::cast_slice_mut(&mut words));
@@ -613,7 +613,7 @@ fn planned_work_is_that_of_the_layers() {
     // Distances are computed for eight codes side by side.
     let (steps, side_by_side) = (4, v.next_multiple_of(8));
     let want = read(n) + read(1) + dt * 13 + steps * (pass(n) + pass(1) + l * (d * v + side_by_side * du));
-    let limits = PlanningLimits { words: 5, steps: 4, guided: true, anchors: false };
+    let limits = PlanningLimits { words: 5, steps: 4, guided: true, anchors: false, clauses: 1 };
     assert_eq!(modules.macs(6, &limits), want);
     let alone = read(n) + dt * 13 + steps * (pass(n) + l * (d * v + side_by_side * du));
     assert_eq!(modules.macs(6, &PlanningLimits { guided: false, ..limits }), alone);

@@ -27,7 +27,7 @@ fn pass(tiny: &Tiny, prompt: &str, scene: &Scene, guidance: f32) -> (PromptStats
     let model = Model::open(tiny.bytes()).unwrap();
     let mut memory = vec![0u128; 1 << 14];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
-    let limits = PlanningLimits { words: 7, steps: 1, guided: guidance != 1.0, anchors: false };
+    let limits = PlanningLimits { words: 7, steps: 1, guided: guidance != 1.0, anchors: false, clauses: 1 };
     let modules = model.planning().unwrap();
     let mut session = Session::new(modules, &mut arena, scene.tokens.len(), &limits, ROWS).unwrap();
     let heard = session.read(&Prompt::Text(prompt), &mut || ControlFlow::Continue(())).unwrap();
@@ -101,7 +101,7 @@ fn one_pass_takes_less_memory_and_half_the_work() {
         let tiny = tiny(PriorShape { one_pass, ..PriorShape::understanding() }, 3);
         let model = Model::open(tiny.bytes()).unwrap();
         let modules = model.planning().unwrap();
-        let limits = PlanningLimits { words: 7, steps: 5, guided: true, anchors: false };
+        let limits = PlanningLimits { words: 7, steps: 5, guided: true, anchors: false, clauses: 1 };
         (modules.bytes(13, &limits, ROWS).all(), modules.macs(13, &limits))
     };
     let ((one, one_work), (two, two_work)) = (needs(true), needs(false));

@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (_, blob, _) = unsafe { blocks.align_to::<u8>() };
     let model = Model::open(blob)?;
 
-    let planning = Some(PlanningLimits { words: 8, steps: 5, guided: true, anchors: true });
+    let planning = Some(PlanningLimits { words: 8, steps: 5, guided: true, anchors: true, clauses: 1 });
     let plan = Plan::for_request(
         &model,
         &Limits { tokens: 15, anchors: 2, refinement: Config::default(), planning, rows: motionette::ROWS },

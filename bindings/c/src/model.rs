@@ -156,7 +156,7 @@ impl mtn_limits {
             }
             let (words, steps) = (self.words, self.steps);
             let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0);
-            planning = Some(PlanningLimits { words, steps, guided, anchors });
+            planning = Some(PlanningLimits { words, steps, guided, anchors, clauses: 1 });
         }
         let refinement = refinement(self.evaluations, self.exact, self.free_feet);
         let anchors = if refinement.is_some() { self.anchors } else { 0 };

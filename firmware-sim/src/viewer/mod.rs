@@ -82,8 +82,8 @@ pub struct ShownWord {
 pub struct ShownPlan {
     /// The prompt.
     pub words: Vec<ShownWord>,
-    /// Tokens after each planner step.
-    pub steps: Vec<Vec<u16>>,
+    /// Tokens after each planner step, `[steps][L]`; none where the clause of a position is yet to come.
+    pub steps: Vec<Vec<Option<u16>>>,
     /// Positions that were fixed in advance.
     pub fixed: Vec<u16>,
 }

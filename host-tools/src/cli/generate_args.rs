@@ -13,6 +13,7 @@ use motionette::{Anchor, Generator, Model, Request};
 use super::{Refinement, say};
 use crate::anchors_file;
 use crate::blob::BlobFile;
+use crate::console;
 use crate::metrics;
 use crate::motion::Pose;
 
@@ -145,7 +146,7 @@ impl GenerateArgs {
         if !unknown.is_empty() {
             say(&format!("note: words the vocabulary does not have: {}", unknown.join(", ")));
         }
-        let understood = motion.understood().map(|understood| model.in_words(understood).to_string());
+        let understood = console::understood(&model, &motion);
         if let Some(understood) = &understood {
             say(&format!("understood as: {understood}"));
         }
@@ -210,7 +211,11 @@ impl GenerateArgs {
         if count == 0 {
             return Ok(None);
         }
-        let why = if self.unconditioned { "--unconditioned".to_owned() } else { blob.unconditioned_because()? };
+        let why = if self.unconditioned {
+            "--unconditioned".to_owned()
+        } else {
+            blob.unconditioned_because(self.text.as_deref())?
+        };
         Ok(Some((count, why)))
     }
 

@@ -65,7 +65,9 @@ impl Cmd {
         let guided = self.guidance != 1.0;
         let planning = match self.words.unwrap_or(usize::MAX) {
             0 => None,
-            words => Some(PlanningLimits { words, steps: self.steps, guided, anchors: !self.unconditioned }),
+            words => {
+                Some(PlanningLimits { words, steps: self.steps, guided, anchors: !self.unconditioned, clauses: 1 })
+            }
         };
         let report = plan::plan(&blob, self.tokens, anchors, refinement, planning, usize::from(self.rows))?;
         say(&format!(

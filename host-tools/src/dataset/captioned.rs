@@ -47,13 +47,29 @@ pub struct CaptionedMotion {
     pub tokens: Vec<u16>,
     /// Anchors that the planner sees; none for a planner without anchor control.
     pub anchors: Vec<Anchor>,
+    /// Where it lies in a longer motion.
+    pub place: Place,
+}
+
+/// Where a motion lies in a longer one; a whole motion by default.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Place {
+    /// Tokens at its beginning that are given.
+    pub given: usize,
+    /// It begins in the middle of another.
+    pub start_open: bool,
+    /// It goes on behind its end.
+    pub end_open: bool,
 }
 
 impl CaptionedMotion {
     /// What the motion is planned from.
     #[must_use]
     pub fn guided(&self, prior: &Prior<f32>, guidance: f32) -> Guided<f32> {
-        prior.through(prior.guided(&self.words, guidance), &self.anchors, self.tokens.len())
+        let Place { start_open, end_open, .. } = self.place;
+        let mut guided = prior.guided(&self.words, guidance);
+        (guided.start_open, guided.end_open) = (start_open, end_open);
+        prior.through(guided, &self.anchors, self.tokens.len())
     }
 }
 
@@ -96,7 +112,14 @@ pub fn choose(
                     Some(joints) if anchored => place(joints, 1 + i % MOST_ANCHORS, i as u64),
                     _ => Vec::new(),
                 };
-                Ok(CaptionedMotion { id, prompt: prompt.clone(), words: words.clone(), tokens, anchors })
+                Ok(CaptionedMotion {
+                    id,
+                    prompt: prompt.clone(),
+                    words: words.clone(),
+                    tokens,
+                    anchors,
+                    place: Place::default(),
+                })
             }
             Err(source) => Err(Error::Encode { clip: id, source }),
         }

@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 
 use motionette::ROWS;
 use motionette::Request;
-use motionette::generation::tokens::{Length, Planning, PlanningLimits, Session};
+use motionette::generation::tokens::{Fixed, Length, Planning, PlanningLimits, Session};
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
 use motionette::request::conditions::AnchorSet;
@@ -18,7 +18,7 @@ use serde::Serialize;
 use super::Error;
 use crate::blob::BlobFile;
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
-use crate::dataset::captioned::CaptionedMotion;
+use crate::dataset::captioned::{CaptionedMotion, Place};
 use crate::reference::Prior;
 use crate::reference::bridge::runtime_anchors;
 use crate::reference::tmd::Settings;
@@ -114,12 +114,16 @@ pub fn logits(blob: &BlobFile, case: &CaptionedMotion, tokens: &[u16], time: f64
     let modules = model.planning().ok_or(Error::NoPlanner)?;
     let refused = |source| Error::Prompt { clip: case.id.clone(), source };
     let prompt = Prompt::Text(&case.prompt);
-    let planning = Planning { guidance: 1.0, ..Planning::default() };
+    let Place { given, start_open, end_open } = case.place;
+    let fixed = tokens.iter().take(given).zip(0..).map(|(&token, position)| Fixed { position, token });
+    let fixed: Vec<Fixed> = fixed.collect();
+    let planning = Planning { guidance: 1.0, fixed: &fixed, start_open, end_open, ..Planning::default() };
     let words = modules.text.rows(&prompt).map_err(refused)?;
     let refused_anchors = |source| Error::Anchors { clip: case.id.clone(), source };
     let frames = tokens.len() * model.frames_per_token();
     let anchors = AnchorSet::new(&runtime_anchors(&case.anchors), frames).map_err(refused_anchors)?;
-    let limits = PlanningLimits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty() };
+    let limits =
+        PlanningLimits { words, steps: 1, guided: planning.guided(), anchors: !anchors.is_empty(), clauses: 1 };
     let mut memory = vec![0_u128; modules.bytes(tokens.len(), &limits, ROWS).all().div_ceil(16)];
     let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
     let mut session = Session::new(modules, &mut arena, tokens.len(), &limits, ROWS).map_err(Error::Arena)?;

@@ -8,6 +8,7 @@ mod error;
 mod observer;
 pub mod plan;
 mod plan_tokens;
+mod sequence;
 pub(crate) mod stream;
 #[cfg(test)]
 mod tests;
@@ -40,6 +41,7 @@ use decode_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
 use plan_tokens::{Planned, PlanningTask, plan_tokens};
+use sequence::{Then, plan_clauses};
 
 /// A finished motion, in the generator's arena.
 #[derive(Debug, Clone, Copy)]
@@ -48,6 +50,7 @@ pub struct Motion<'a> {
     u: &'a [f32],
     tokens: &'a [u16],
     heard: PromptStats,
+    then: Then,
     unconditioned: u16,
     frame_rate: u16,
     /// What the refinement onto anchors did; `None` without one.
@@ -95,14 +98,20 @@ impl<'a> Motion<'a> {
         self.heard.unknown_words
     }
 
-    /// What the prompt was understood as; `None` without a prompt, or of a model that was not taught it.
+    /// What the prompt was understood as, or the first of its clauses; `None` without a prompt, or of a model that was not taught it.
     #[must_use]
     pub const fn understood(&self) -> Option<Understood> {
         self.heard.understood
     }
 
+    /// What its further clauses were understood as, in the order in which they are done ([`crate::Clauses`]).
+    pub fn then(&self) -> impl Iterator<Item = Understood> + '_ {
+        self.then.iter().copied().flatten()
+    }
+
     /// Distinct anchors of the request that the planner did not see: those of families it was not trained for, or all of them,
-    /// where the blob has no anchor control, the request wants none ([`Request::unconditioned`]) or no text was planned.
+    /// where the blob has no anchor control, the request wants none ([`Request::unconditioned`]), its prompt has several clauses
+    /// or no text was planned.
     #[must_use]
     pub const fn unconditioned_anchors(&self) -> u16 {
         self.unconditioned
@@ -178,7 +187,7 @@ impl<'a> Generator<'a> {
             limits.anchors = anchors.len();
         }
         if let Some(planning) = &mut limits.planning {
-            planning.anchors = request.planning.conditioned && self.seen(anchors);
+            planning.anchors = request.planning.conditioned && planning.clauses == 1 && self.seen(anchors);
         }
         Ok(limits)
     }
@@ -201,8 +210,9 @@ impl<'a> Generator<'a> {
                 let words = text.rows(&prompt)?;
                 let plan = &request.planning;
                 let tokens = plan.check(limit, planner.codes(), self.model.frames_per_token())?;
-                let planning =
-                    planning::PlanningLimits { words, steps: plan.steps, guided: plan.guided(), anchors: false };
+                let clauses = sequence::clauses(text, &prompt, plan).map_or(1, |clauses| clauses.len());
+                let (steps, guided) = (plan.steps, plan.guided());
+                let planning = planning::PlanningLimits { words, steps, guided, anchors: false, clauses };
                 return Ok(Limits { tokens, anchors: 0, refinement, planning: Some(planning), rows: self.rows });
             }
         };
@@ -254,7 +264,8 @@ impl<'a> Generator<'a> {
         let tokens = buffers::tokens(model, &limits, &mut arena).map_err(too_small)?;
         let mut peak = 0;
         let mut unconditioned = anchors.len() as u16;
-        let mut made = Planned { tokens: limits.tokens, heard: PromptStats::default() };
+        let heard = PromptStats::default();
+        let mut made = Planned { tokens: limits.tokens, heard, then: Then::default() };
         if let (Source::Text(prompt), Some(planning), Some(modules)) =
             (request.source, &limits.planning, model.planning())
         {
@@ -266,10 +277,17 @@ impl<'a> Generator<'a> {
                 prompt: &prompt,
                 planning: &request.planning,
                 shortest,
-                anchors: Some(&anchors),
+                context: 0,
+                clause: (0, 1),
+                anchors: Some(&anchors).filter(|_| planning.anchors),
             };
-            made = plan_tokens(modules, task, &mut overlay, tokens, observer)?;
-            peak = overlay.used();
+            (made, peak) = match sequence::clauses(modules.text, &prompt, &request.planning) {
+                Some(clauses) => plan_clauses(modules, task, &clauses, &mut overlay, tokens, observer)?,
+                None => {
+                    let made = plan_tokens(modules, task, &mut overlay, tokens, observer)?;
+                    (made, overlay.used())
+                }
+            };
             if let (true, Some(control)) = (planning.anchors, model.control()) {
                 unconditioned = anchors.iter().filter(|anchor| !control.sees(anchor.family)).count() as u16;
             }
@@ -343,9 +361,9 @@ impl<'a> Generator<'a> {
         }
         let arena_used = if peak > arena.used() { peak } else { arena.used() };
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
-        let Planned { heard, .. } = made;
+        let Planned { heard, then, .. } = made;
         let frame_rate = model.frame_rate();
-        Ok(Motion { joints, u, tokens, heard, unconditioned, frame_rate, refinement, arena_used })
+        Ok(Motion { joints, u, tokens, heard, then, unconditioned, frame_rate, refinement, arena_used })
     }
 
     /// Runs the blob's self-test: decodes its token sequence, as a stream so that it needs less memory than a motion of that length, and

@@ -39,7 +39,8 @@ pub trait Observer {
         ControlFlow::Continue(())
     }
 
-    /// Called behind every step of the planner, counted from 0, with the tokens it has left.
+    /// Called behind every step of the planner, counted from 0, with the tokens it has left: of a prompt of several clauses those of the
+    /// present one and the few in front of it that it sees.
     fn tokens(&mut self, step: u16, tokens: &[u16]) {
         let _ = (step, tokens);
     }

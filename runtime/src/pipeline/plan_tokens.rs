@@ -2,6 +2,7 @@
 
 use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
+use super::sequence::Then;
 use crate::generation::tokens::session::Modules;
 use crate::generation::tokens::{Length, Planning, PlanningLimits, Session};
 use crate::memory::Arena;
@@ -16,8 +17,10 @@ use core::ops::ControlFlow;
 pub(super) struct Planned {
     /// Tokens of the motion.
     pub tokens: usize,
-    /// What was understood of the prompt.
+    /// What was understood of the prompt, or of the first of its clauses.
     pub heard: PromptStats,
+    /// Of the others.
+    pub then: Then,
 }
 
 /// Asks the observer, and puts [`Stop::Finish`] off until there are proposals to finish with.
@@ -51,6 +54,10 @@ pub(super) struct PlanningTask<'p> {
     pub planning: &'p Planning<'p>,
     /// Tokens of a predicted length at least.
     pub shortest: usize,
+    /// Of the tokens, so many at the beginning come before what is planned; the planning gives them.
+    pub context: usize,
+    /// Clauses planned before this one, and all of them.
+    pub clause: (u16, u16),
     /// What conditions the planner, as far as it sees it.
     pub anchors: Option<&'p AnchorSet>,
 }
@@ -65,7 +72,7 @@ pub(super) fn plan_tokens(
     tokens: &mut [u16],
     observer: &mut dyn Observer,
 ) -> Result<Planned, Error> {
-    let PlanningTask { limits, rows, prompt, planning, shortest, anchors } = task;
+    let PlanningTask { limits, rows, prompt, planning, shortest, context, clause, anchors } = task;
     let mut session = Session::new(modules, arena, tokens.len(), limits, rows).map_err(Error::Arena)?;
     let mut watch = Watch { observer, stage: Stage::Reading, evaluation: 1, evaluations: 1 };
     let mut end = Finishing { watch: &mut watch, wanted: false, ready: false };
@@ -74,7 +81,7 @@ pub(super) fn plan_tokens(
     let mut count = tokens.len();
     if planning.length == Length::Predicted {
         let least = [shortest, planning.shortest()];
-        let mut wanted = session.predicted_length();
+        let mut wanted = context + session.predicted_length();
         for least in least {
             if wanted < least {
                 wanted = least;
@@ -94,9 +101,10 @@ pub(super) fn plan_tokens(
     let mut random = Stream::new(planning.seed);
     session.begin(planning, &mut random, tokens);
     end.watch.stage = Stage::Planning;
-    end.watch.evaluations = planning.steps;
+    let first = clause.0.saturating_mul(planning.steps);
+    end.watch.evaluations = clause.1.saturating_mul(planning.steps);
     for step in 0..planning.steps {
-        end.watch.evaluation = step + 1;
+        end.watch.evaluation = first.saturating_add(step + 1);
         let time = planning.schedule.time(step, planning.steps);
         match session.pass(tokens, time, planning, &mut || end.ask()) {
             ControlFlow::Continue(()) => {}
@@ -112,10 +120,10 @@ pub(super) fn plan_tokens(
         let next = planning.schedule.time(step + 1, planning.steps);
         session.advance(planning, if last { None } else { Some((time, next)) }, &mut random, tokens);
         end.ready = true;
-        end.watch.observer.tokens(step, tokens);
+        end.watch.observer.tokens(first.saturating_add(step), tokens);
         if last {
             break;
         }
     }
-    Ok(Planned { tokens: count, heard })
+    Ok(Planned { tokens: count, heard, then: Then::default() })
 }

@@ -43,7 +43,7 @@ pub struct Segment {
 /// ```no_run
 /// # use motionette::{Generator, Length, Request, StreamError, StreamLimits, PlanningLimits};
 /// # fn run(generator: &mut Generator<'_>, mut play: impl FnMut(&motionette::Frame)) -> Result<(), StreamError> {
-/// let planning = PlanningLimits { words: 32, steps: 5, guided: true, anchors: false };
+/// let planning = PlanningLimits { words: 32, steps: 5, guided: true, anchors: false, clauses: 1 };
 /// let mut stream = generator.stream(&StreamLimits { tokens: 49, planning: Some(planning), rows: 8 })?;
 /// for prompt in ["a person walks", "a person walks", "a person waves the right hand"] {
 ///     stream.plan(&Request::text(prompt).length(Length::Tokens(12)), &mut ())?;
@@ -201,7 +201,7 @@ impl<'a> Generator<'a> {
 }
 
 /// Distance of the seeds of neighbouring segments: 2^64 over the golden ratio, odd.
-const SEED_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
+pub(super) const SEED_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 
 impl MotionStream<'_, '_> {
     /// Has another body move from the next frame on; best said before the first.
@@ -276,6 +276,7 @@ impl MotionStream<'_, '_> {
     /// - positions of its fixed tokens count from the segment's beginning,
     /// - segment `k`, counted from 0, draws from the seed plus `k * 0x9E3779B97F4A7C15`, wrapping,
     /// - it has no anchors,
+    /// - its prompt is one clause, whatever it says: a segment each for what is to be done one behind the other,
     /// - its body is the stream's ([`MotionStream::set_bones`]).
     ///
     /// With tokens instead of a text it is [`MotionStream::push`].
@@ -356,8 +357,13 @@ impl MotionStream<'_, '_> {
         };
         planning.check(capacity, codes, frames_per_token)?;
 
-        let limits =
-            planning::PlanningLimits { words, steps: planning.steps, guided: planning.guided(), anchors: false };
+        let limits = planning::PlanningLimits {
+            words,
+            steps: planning.steps,
+            guided: planning.guided(),
+            anchors: false,
+            clauses: 1,
+        };
         let needed = self.spare.used() + planning_bytes(&modules, capacity, context + count, &limits, self.rows);
         let available = self.spare.available();
         let too_small = |_| Error::Arena(ArenaTooSmall { needed, available });
@@ -368,7 +374,16 @@ impl MotionStream<'_, '_> {
         let window = arena.take::<u16>(capacity).map_err(too_small)?;
         let window = part_mut!(window, ..context + count);
         let (rows, prompt, planning) = (self.rows, &prompt, &planning);
-        let task = PlanningTask { limits: &limits, rows, prompt, planning, shortest: 1, anchors: None };
+        let task = PlanningTask {
+            limits: &limits,
+            rows,
+            prompt,
+            planning,
+            shortest: 1,
+            context,
+            clause: (0, 1),
+            anchors: None,
+        };
         let planned = plan_tokens(modules, task, &mut arena, window, observer)?;
         log::debug!("planned {} tokens behind {}", count, context);
         self.memory.push(part!(window, context..));

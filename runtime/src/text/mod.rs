@@ -3,6 +3,7 @@
 //! This layer knows words. It does not know decoders, planners or the solver.
 
 pub mod bank;
+pub mod clauses;
 pub mod encoder;
 pub mod meaning;
 pub mod table;
@@ -13,8 +14,10 @@ use crate::nn::block::below;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
 use bank::Bank;
+use clauses::Clauses;
 use encoder::TextEncoder;
 use meaning::Meanings;
+use words::{UNKNOWN, Words};
 
 /// Everything a blob knows of text.
 #[derive(Debug, Clone, Copy)]
@@ -82,6 +85,15 @@ impl<'a> Text<'a> {
     #[must_use]
     pub const fn encoder(&self) -> Option<&TextEncoder<'a>> {
         if cfg!(feature = "text") { self.encoder.as_ref() } else { None }
+    }
+
+    /// What a free text asks for one thing behind the other; all of it as one where a part has no word that the model knows.
+    #[must_use]
+    pub fn clauses<'p>(&self, prompt: &'p str) -> Clauses<'p> {
+        let clauses = Clauses::of(prompt);
+        let known =
+            |clause| self.encoder().is_some_and(|e| Words::new(clause).any(|word| e.vocabulary().id(&word) != UNKNOWN));
+        if clauses.iter().all(known) { clauses } else { Clauses::whole(prompt) }
     }
 
     /// The stored prompts.

@@ -34,7 +34,7 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
     let steps = 1 + random.below(4) as u16;
     // A plan for more words than the model reads is refused.
     let words = (1 + random.below(9) as usize).min(model.text().map_or(1, |text| text.max_words()));
-    let planning = planning::PlanningLimits { words, steps, guided: random.below(3) > 0, anchors: false };
+    let planning = planning::PlanningLimits { words, steps, guided: random.below(3) > 0, anchors: false, clauses: 1 };
     let planning = Some(planning).filter(|_| model.planning().is_some() && random.below(4) > 0);
     let limits = StreamLimits {
         tokens: 1 + random.below(model.max_tokens() as u32) as usize,

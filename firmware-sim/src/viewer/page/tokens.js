@@ -25,12 +25,12 @@ function drawTokens(host, plan, framesPerToken) {
   // The cell below the pointer, and the one that the keyboard is on, [step, token].
   let hover = null, chosen = null, playing = -1;
 
-  const changed = (r, c) => r > 0 && rows[r][c] !== rows[r - 1][c];
+  const changed = (r, c) => r > 0 && rows[r][c] !== rows[r - 1][c] && rows[r - 1][c] !== null;
   const say = () => {
     const cell = hover || chosen;
     const revised = rows.map((row, r) => row.filter((_, c) => changed(r, c)).length);
     read.textContent = cell
-      ? `step ${cell[0]}, token ${cell[1]} (${((cell[1] * framesPerToken) / scene.fps).toFixed(1)} s): code ${rows[cell[0]][cell[1]]}${plan.fixed.includes(cell[1]) ? ", fixed" : ""}`
+      ? `step ${cell[0]}, token ${cell[1]} (${((cell[1] * framesPerToken) / scene.fps).toFixed(1)} s): ${rows[cell[0]][cell[1]] === null ? "yet to come" : `code ${rows[cell[0]][cell[1]]}`}${plan.fixed.includes(cell[1]) ? ", fixed" : ""}`
       : `${columns} tokens; revised in steps 1 to ${rows.length - 1}: ${revised.slice(1).join(", ")}`;
     canvas.setAttribute("aria-valuenow", cell ? cell[1] : Math.max(0, playing));
     canvas.setAttribute("aria-valuetext", read.textContent);
@@ -44,6 +44,8 @@ function drawTokens(host, plan, framesPerToken) {
     const c = canvas.getContext("2d");
     c.scale(scale, scale);
     rows.forEach((row, r) => row.forEach((code, i) => {
+      // The clause of that position is yet to be planned.
+      if (code === null) return;
       c.fillStyle = codeColor(code);
       c.fillRect(i * each, r * tall, each - 0.6, tall - 0.6);
       if (changed(r, i)) {

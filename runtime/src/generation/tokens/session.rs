@@ -33,6 +33,9 @@ macro_rules! worked_in {
     }};
 }
 
+/// Tokens of a motion that the planner sees in front of the next clause of its prompt.
+pub const CONTEXT: usize = 8;
+
 /// The largest plan that is to be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PlanningLimits {
@@ -44,6 +47,8 @@ pub struct PlanningLimits {
     pub guided: bool,
     /// Whether anchors condition the planner; of no account when the blob has no anchor control.
     pub anchors: bool,
+    /// Clauses of the prompt ([`crate::Clauses`]), each of which is planned for itself; 1 for any other. They cost time and no memory.
+    pub clauses: usize,
 }
 
 /// Modules of a model that a session works with.
@@ -231,6 +236,14 @@ impl<'m, 'b> Modules<'m, 'b> {
     /// Multiply-accumulates of a plan at most: text and anchors read, all passes, logits and distances of every position and step.
     #[must_use]
     pub fn macs(&self, tokens: usize, limits: &PlanningLimits) -> u64 {
+        let more = limits.clauses.saturating_sub(1);
+        // The work grows faster than the motion: parts of it, each behind its context, take less than all of them at once.
+        let parts = self.macs_of(tokens + more * CONTEXT, limits);
+        if more == 0 { parts } else { parts + more as u64 * self.macs_of(1, limits) }
+    }
+
+    /// The same of one clause.
+    fn macs_of(&self, tokens: usize, limits: &PlanningLimits) -> u64 {
         let unconditional = if self.two_passes(limits) { self.unconditional_rows() } else { 0 };
         let encode = |rows: usize| self.text.encoder().map_or(0, |encoder| encoder.macs(rows));
         let each = |rows: usize| {
