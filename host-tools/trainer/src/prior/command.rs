@@ -49,7 +49,11 @@ pub struct Args {
     /// A prior whose two passes with guidance are learnt in one: the run begins with its weights, words and meanings.
     #[arg(long, value_name = "FILE", conflicts_with = "words")]
     pub teacher: Option<PathBuf>,
-    /// Configuration to begin with: nano, micro or tiny; with a teacher it is the teacher's.
+    /// A prior whose weights, words, meanings and configuration the run begins with, instead of random ones. Its tokenizer may be another
+    /// with as many codes: tokens mean much the same where one tokenizer was trained on from the other.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["words", "teacher"])]
+    pub from: Option<PathBuf>,
+    /// Configuration to begin with: nano, micro or tiny; with a teacher or another prior it is that one's.
     #[arg(long, default_value = "nano")]
     pub preset: String,
 }
@@ -62,8 +66,13 @@ const SET: &str = "Changes one setting, e.g. `dropout=0.2` or `architecture.plan
 /// Anything that is wrong with arguments, files or the run, with context.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     args.length.check()?;
-    let teacher = args.teacher.as_deref().map(checkpoint::load).transpose()?;
-    let begin = teacher.as_ref().map_or_else(|| Config::preset(&args.preset), |teacher| Ok(teacher.config.clone()))?;
+    let path = args.teacher.as_deref().or(args.from.as_deref());
+    let other = path.map(checkpoint::load).transpose()?;
+    let begin = match (&other, &args.from) {
+        (Some(from), Some(path)) => Config { begun_with: Some(file_hash(path)?), ..from.config.clone() },
+        (Some(teacher), None) => Config { begun_with: None, ..teacher.config.clone() },
+        (None, _) => Config::preset(&args.preset)?,
+    };
     let config = args.options.configured(begin)?;
     let dataset = Dataset::load(&args.options.data)?;
     let tokenizer = Checkpoint::load(&args.tokenizer)?;
@@ -72,8 +81,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let held_out = args.hold_out.iter().map(|path| file::texts(path)).collect::<Result<Vec<_>, _>>()?.concat();
     let sentences = Sentences::new(&dataset, table.as_ref(), phrases).without(held_out.iter().map(String::as_str));
     let codes = &tokenizer.config.architecture;
-    let sentences = match &teacher {
-        Some(teacher) => sentences.of_prior(&teacher.sources),
+    let sentences = match &other {
+        Some(other) => sentences.of_prior(&other.sources),
         None => sentences,
     };
     let mut sources = Sources {
@@ -89,18 +98,25 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         guidance: false,
         teacher: None,
     };
-    if let (Some(teacher), Some(path)) = (&teacher, &args.teacher) {
-        let own = &teacher.sources;
+    if let (Some(other), Some(path)) = (&other, path) {
+        let own = &other.sources;
         ensure!(!own.guidance, "{} takes one pass already; give the prior that it was made from", path.display());
-        ensure!(own.tokenizer == sources.tokenizer, "{} plans the tokens of another tokenizer", path.display());
         sources.word_vectors = own.word_vectors;
         sources.word_tiers.clone_from(&own.word_tiers);
-        sources.guidance = true;
-        sources.teacher = Some(file_hash(path)?);
+        if args.teacher.is_some() {
+            ensure!(own.tokenizer == sources.tokenizer, "{} plans the tokens of another tokenizer", path.display());
+            sources.guidance = true;
+            sources.teacher = Some(file_hash(path)?);
+        } else {
+            let sizes =
+                |sources: &Sources, config: &Config| (sources.codes, sources.code_dim, config.architecture.clone());
+            let alike = sizes(own, &other.config) == sizes(&sources, &config);
+            ensure!(alike, "{} has other sizes: the run has those of its tokenizer and settings", path.display());
+        }
     }
     let state = args.options.state(&config, &sources, || {
-        Ok(match &teacher {
-            Some(teacher) => State::after(&config, sources.clone(), teacher),
+        Ok(match &other {
+            Some(other) => State::after(&config, sources.clone(), other),
             None => State::begin(&config, sources.clone(), table.as_ref()),
         })
     })?;
@@ -116,7 +132,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     ));
     let metric = Metric::new(&tokenizer.codebook, codes.code_dim, config.c, config.a);
     let mut trainer = Trainer::new(sources.layout(&config), training, material.held_out()?, metric);
-    if let Some(teacher) = &teacher {
+    if let (Some(teacher), true) = (&other, args.teacher.is_some()) {
         trainer = trainer.taught(Teacher::new(teacher));
     }
     let mut run = Run::new(trainer, state)?;

@@ -85,6 +85,9 @@ pub struct Config {
     /// Sentences without a meaning in a step, beside the batch.
     #[serde(default)]
     pub nonsense: usize,
+    /// SHA-256 of the checkpoint whose weights the run began with; none for one that began with random ones.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub begun_with: Option<String>,
 }
 
 impl Config {
@@ -118,6 +121,7 @@ impl Config {
             style_balance: 0.75,
             meaning: 0.05,
             nonsense: 16,
+            begun_with: None,
         };
         match name {
             "nano" => Ok(nano),

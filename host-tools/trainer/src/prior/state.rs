@@ -84,11 +84,11 @@ impl State {
         Self::new(config.clone(), sources, parameters, ())
     }
 
-    /// A run that goes on where `teacher` ended, in networks of these sources that may have more parameters.
-    pub fn after(config: &Config, sources: Sources, teacher: &Checkpoint) -> Self {
+    /// A run that goes on where `other` ended, in networks of these sources that may have more parameters.
+    pub fn after(config: &Config, sources: Sources, other: &Checkpoint) -> Self {
         let layout = sources.layout(config);
         let mut parameters = layout.initial(config.seed);
-        for (parameter, values) in teacher.sources.layout(&teacher.config).split(&teacher.parameters) {
+        for (parameter, values) in other.sources.layout(&other.config).split(&other.parameters) {
             layout.fill(&mut parameters, &parameter.name, values);
         }
         Self::new(config.clone(), sources, parameters, ())

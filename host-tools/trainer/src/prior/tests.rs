@@ -102,6 +102,29 @@ fn guidance_is_distilled_into_one_pass() {
     testing::assert_refused(run(&args("--steps 3 --teacher @data.mds")), "offsets");
 }
 
+/// A run that begins with another prior goes on from its weights, also with a tokenizer that was trained on, and says with which.
+#[test]
+fn a_run_can_begin_with_another_prior() {
+    let folder = tempfile::tempdir().unwrap();
+    testing::prepare_prior(folder.path());
+    let path = folder.path().join("prior.safetensors");
+    let first = checkpoint::load(&path).unwrap();
+    let args = |more: &str| -> Args {
+        let line = "--data @data.mds --tokenizer @tokenizer.safetensors --out @second --log-every 1 --save-every 100";
+        testing::args(folder.path(), &format!("{line} {more}"))
+    };
+    let begun = args("--from @prior.safetensors --steps 2 --set schedule.learning_rate=1e-9 --set sequences=0.3");
+    run(&begun).unwrap();
+    let second = checkpoint::load(&begun.options.checkpoint()).unwrap();
+    let hash = motionette_host::checkpoint::file_hash(&path).unwrap();
+    assert_eq!((second.config.begun_with, second.config.sequences), (Some(hash), 0.3));
+    assert_eq!(second.sources.vocabulary, first.sources.vocabulary);
+    let far = first.parameters.iter().zip(&second.parameters).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(far < 1e-6 && first.parameters != second.parameters, "{far}");
+    let other = "--from @prior.safetensors --steps 2 --set architecture.planner.hidden=24 --out @third";
+    testing::assert_refused(run(&args(other)), "other sizes");
+}
+
 /// Words that no caption holds have numbers, and what is meant is learnt, where there are vectors, phrases and actions.
 #[test]
 fn words_with_vectors_and_phrases_are_learnt() {

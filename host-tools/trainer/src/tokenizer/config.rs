@@ -108,6 +108,9 @@ pub struct LossWeights {
     pub groups: [f32; 7],
     /// Mean distance of local joint positions, per metre.
     pub position: f32,
+    /// Mean square of that distance, per square metre: what is far off, a leg that kicks, counts for more than a little everywhere.
+    #[serde(default)]
+    pub square: f32,
     /// Mean change of that error from frame to frame, per metre.
     pub velocity: f32,
     /// Mean error of the bones' lengths, per metre; configurations from before this term have none.
@@ -206,6 +209,7 @@ impl Config {
             loss: LossWeights {
                 groups: [0.15, 0.15, 0.05, 0.40, 0.10, 0.12, 0.03],
                 position: 2.0,
+                square: 0.0,
                 velocity: 2.0,
                 bones: 4.0,
                 legs: 2.0,
@@ -252,7 +256,7 @@ impl Configuration for Config {
         require((0.0..1.0).contains(&self.codebook_decay), "codebook_decay", self.codebook_decay, "0 to 1")?;
         require((0.0..=1.0).contains(&self.balance), "balance", self.balance, "0 to 1")?;
         let l = &self.loss;
-        let terms = [l.position, l.velocity, l.bones, l.legs, l.made_up, l.root, l.heading, l.commitment];
+        let terms = [l.position, l.square, l.velocity, l.bones, l.legs, l.made_up, l.root, l.heading, l.commitment];
         let weights = l.groups.iter().chain(&terms).all(|w| w.is_finite() && *w >= 0.0);
         require(weights, "loss", format!("{l:?}"), "weights that are finite and not negative")
     }

@@ -5,6 +5,7 @@
 //!
 //! * features: `mean_t sum_c w_c smooth_l1(e_tc)`, w_c = share of the channel's group / channels of the group
 //! * position: `mean_{t,j} |D_tj|` over the 21 local joint positions (root-aligned error, metres)
+//! * square: `mean_{t,j} |D_tj|^2`, same joints
 //! * velocity: `mean_{t,j} |D_{t+1,j} - D_tj|`, same joints
 //! * bones: `mean_{t,j} | |b_tj(y)| - |b_tj(x)| |` over the 21 bones, `b` from a joint's parent to the joint (metres)
 //! * root: `mean_t |p(y)_t - p(x)_t|` on the floor after roll-out (EQUATIONS section 1)
@@ -34,6 +35,9 @@ pub struct Terms {
     pub features: f32,
     /// Root-aligned joint error, metres.
     pub position: f32,
+    /// Its mean square, square metres.
+    #[serde(default)]
+    pub square: f32,
     /// Its change from frame to frame, metres.
     pub velocity: f32,
     /// Error of the bones' lengths, metres.
@@ -102,6 +106,7 @@ impl Objective {
         let w = &self.weights;
         terms.total = terms.features
             + w.position * terms.position
+            + w.square * terms.square
             + w.velocity * terms.velocity
             + w.bones * terms.bones
             + w.legs * terms.legs
@@ -136,9 +141,11 @@ impl Objective {
                 let d: [f32; 3] = std::array::from_fn(|i| current[3 * joint + i]);
                 let (value, slope) = distance(d);
                 terms.position += per_joint * value;
+                terms.square += per_joint * d.iter().map(|d| d * d).sum::<f32>();
                 for i in 0..3 {
                     let c = POSITIONS.start + 3 * joint + i;
-                    gradient[row + c] += self.weights.position * per_joint * slope[i] * std[c];
+                    let slope = self.weights.position * slope[i] + self.weights.square * 2.0 * d[i];
+                    gradient[row + c] += per_joint * slope * std[c];
                 }
                 if t == 0 {
                     continue;
@@ -332,6 +339,7 @@ mod tests {
         LossWeights {
             groups: [0.2, 0.1, 0.1, 0.3, 0.1, 0.1, 0.1],
             position: 1.3,
+            square: 1.7,
             velocity: 0.7,
             bones: 0.9,
             legs: 0.8,
@@ -395,6 +403,15 @@ mod tests {
         let root = |t: usize| (a[t][0][0] - b[t][0][0]).hypot(a[t][0][2] - b[t][0][2]);
         let mean = (0..window).map(root).sum::<f32>() / window as f32;
         assert!((terms.root - mean).abs() < 2e-3, "{} {mean}", terms.root);
+        let measured = |joints: &[f32], t: usize| -> Vec<f32> {
+            let row = &normalization.restore(joints)[t * FEATURES..][..FEATURES];
+            row[4..4 + 3 * (JOINTS - 1)].to_vec()
+        };
+        let squares = |t: usize| -> f32 {
+            measured(&output, t).iter().zip(&measured(&target, t)).map(|(a, b)| (a - b).powi(2)).sum()
+        };
+        let mean = (0..window).map(squares).sum::<f32>() / (window * (JOINTS - 1)) as f32;
+        assert!((terms.square - mean).abs() < 2e-3, "{} {mean}", terms.square);
         let length = |pose: &Pose, j: usize| {
             let parent = pose[skeleton::PARENTS[j]];
             (0..3).map(|i| (pose[j][i] - parent[i]).powi(2)).sum::<f32>().sqrt()

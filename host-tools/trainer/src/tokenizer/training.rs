@@ -59,6 +59,7 @@ impl harness::Means<Step, Point> for Means {
         let (sum, terms) = (&mut self.terms, &step.terms);
         sum.features += terms.features;
         sum.position += terms.position;
+        sum.square += terms.square;
         sum.velocity += terms.velocity;
         sum.bones += terms.bones;
         sum.legs += terms.legs;
@@ -86,6 +87,7 @@ impl harness::Means<Step, Point> for Means {
             terms: Terms {
                 features: self.terms.features / n,
                 position: self.terms.position / n,
+                square: self.terms.square / n,
                 velocity: self.terms.velocity / n,
                 bones: self.terms.bones / n,
                 legs: self.terms.legs / n,
