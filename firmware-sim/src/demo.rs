@@ -23,7 +23,7 @@ use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::TokenizerCheckpoint;
 use motionette_host::cli::Refinement;
 use motionette_host::console::say;
-use motionette_host::motion::Pose;
+use motionette_host::motion::{Pose, narrowed, widened};
 use motionette_host::reference::bridge::reference_anchor;
 use motionette_host::reference::{self, DecodePath, motion_space};
 use motionette_host::{anchors_file, export, output, robot_file};
@@ -113,9 +113,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// A motion with the model's bones, by the reference.
 fn rigid(model: &Model<'_>, motion: &[Pose]) -> Vec<Pose> {
     let offsets = model.skeleton().offsets().map(|offset| offset.map(f64::from));
-    let wide: Vec<_> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
-    let posed = reference::rigid::Body::new(&offsets).posed(&wide);
-    posed.into_iter().map(|pose| pose.map(|at| at.map(|value| value as f32))).collect()
+    narrowed(&reference::rigid::Body::new(&offsets).posed(&widened(motion)))
 }
 
 /// Whether there is anything to refine: anchors, or feet that stay where they stand.
@@ -125,11 +123,10 @@ fn refines(config: Config, anchors: &[Anchor]) -> bool {
 
 /// A motion edited by the reference.
 fn edited(motion: &[Pose], anchors: &[Anchor], exact: Exact, frame_rate: u16) -> Vec<Pose> {
-    let wide: Vec<_> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
     let anchors: Vec<_> = anchors.iter().map(reference_anchor).collect();
     let settings = motion_space::Exact { added_speed: f64::from(exact.added_speed), planted: exact.planted };
-    let (edited, _) = motion_space::edited(&wide, &anchors, settings, f64::from(frame_rate));
-    edited.into_iter().map(|pose| pose.map(|at| at.map(|value| value as f32))).collect()
+    let (edited, _) = motion_space::edited(&widened(motion), &anchors, settings, f64::from(frame_rate));
+    narrowed(&edited)
 }
 
 impl Cmd {

@@ -8,7 +8,7 @@ use motionette::refining::motion_space::{self, Exact, Scratch};
 use motionette::request::conditions::{AnchorList, AnchorSet};
 use motionette::{Anchor, Request};
 use motionette_host::blob::BlobFile;
-use motionette_host::motion::Pose;
+use motionette_host::motion::{Pose, widened};
 use motionette_host::reference::bridge::{reference_anchor, runtime_anchors};
 use motionette_host::reference::motion_space as reference;
 use motionette_host::{metrics, verify};
@@ -74,7 +74,7 @@ fn edited(motion: &[Pose], anchors: &[Anchor], settings: &Exact) -> (Vec<Pose>, 
 fn runtime_and_reference_make_the_same_motion() {
     let (mut worst, mut stances) = (0.0f64, 0usize);
     for (m, motion) in motions().iter().enumerate() {
-        let wide: Vec<[[f64; 3]; 22]> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
+        let wide = widened(motion);
         for (case, count) in [0, 2, 4, 8, 2, 4].into_iter().enumerate() {
             let planted = case < 4;
             let list = if count == 0 { Vec::new() } else { anchors(motion, count, 0.25, (10 * m + case) as u64) };
@@ -91,8 +91,7 @@ fn runtime_and_reference_make_the_same_motion() {
                     worst = worst.max(off);
                 }
             }
-            let narrow = |poses: &[Pose]| poses.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect::<Vec<_>>();
-            let strain = reference::strain(&wide, &narrow(&ours), f64::from(FPS));
+            let strain = reference::strain(&wide, &widened(&ours), f64::from(FPS));
             assert!((f64::from(report.strain.value) - strain).abs() < 1e-3 * (1.0 + strain), "{report:?}: {strain}");
             stances += usize::from(planted);
             let met = report.after.is_none_or(|after| after.worst < 0.002);

@@ -8,7 +8,7 @@ use motionette::{
     Anchor, Bones, Error, Generator, JOINTS, Model, ROWS, Request, StreamError, StreamLimits, refining::Config,
 };
 use motionette_host::blob::BlobFile;
-use motionette_host::motion::Pose;
+use motionette_host::motion::{Pose, widened};
 use motionette_host::reference::rigid::Body;
 use motionette_host::verify;
 
@@ -106,7 +106,7 @@ fn the_reference_poses_the_same_body() {
     for (seed, text) in PROMPTS.into_iter().enumerate() {
         let request = Request::text(text).frames(100).steps(4).seed(seed as u64).unrefined();
         let run = |bones| verify::run(&blob, text, &request.bones(bones)).expect("it runs").joints;
-        let wide: Vec<_> = run(Bones::Decoded).iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
+        let wide = widened(&run(Bones::Decoded));
         let (own, other) = (model.skeleton().offsets(), ape(&model));
         let body = |offsets: &Offsets| Body::new(&offsets.map(|offset| offset.map(f64::from)));
         for (ours, want) in [

@@ -11,7 +11,7 @@ use crate::report::AnchorErrors;
 use crate::robot::ShownRobot;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use motionette_host::motion::Pose;
+use motionette_host::motion::{Pose, widened};
 use motionette_host::reference;
 use serde::Serialize;
 
@@ -52,9 +52,8 @@ impl Shown {
     #[must_use]
     pub fn new(id: &'static str, name: &'static str, label: &'static str, motion: &[Pose]) -> Self {
         let bytes: Vec<u8> = motion.iter().flatten().flatten().flat_map(|v| v.to_le_bytes()).collect();
-        let wide: Vec<_> = motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
-        let stances =
-            reference::motion_space::standing(&wide).map(|foot| foot.iter().map(|s| [s.start, s.end]).collect());
+        let stances = reference::motion_space::standing(&widened(motion))
+            .map(|foot| foot.iter().map(|s| [s.start, s.end]).collect());
         Shown { id, name, label, positions: STANDARD.encode(bytes), stances }
     }
 }

@@ -1,7 +1,7 @@
 //! Checkpoints: tokenizers (MoMask's RVQ-VAE, T2M-GPT's VQ-VAE and our own), our priors and their anchor control, from safetensors
 //! files or torch containers.
 //!
-//! Three types come out, [`TokenizerCheckpoint`], [`PriorCheckpoint`] and [`ControlCheckpoint`], with every tensor checked. Nothing in a file is executed, every length is
+//! Four types come out, [`TokenizerCheckpoint`], [`PriorCheckpoint`], [`ControlCheckpoint`] and [`PublishedPlanner`], with every tensor checked. Nothing in a file is executed, every length is
 //! checked before it is used, and errors name the tensor or option, what was expected and what was found.
 //!
 //! The layers, from bytes up: [`zip`] and [`pickle`] (torch containers), [`torch`] and [`safetensors`] (named tensors),
@@ -14,6 +14,7 @@ pub mod error;
 pub mod options;
 pub mod pickle;
 pub mod prior;
+pub mod published;
 pub mod safetensors;
 pub mod tensors;
 pub mod tokenizer;
@@ -28,6 +29,7 @@ pub use config::{Config, Source};
 pub use control::{ControlCheckpoint, ControlConfig};
 pub use error::{Error, ErrorKind};
 pub use prior::{PriorCheckpoint, PriorConfig};
+pub use published::PublishedPlanner;
 pub use tensors::{Tensor, TensorMap};
 pub use tokenizer::{Conv1d, Decoder, DecoderStage, Encoder, EncoderStage, ResBlock, Statistics, TokenizerCheckpoint};
 pub use words::WordTable;

@@ -5,8 +5,8 @@ use super::pickle::{Id, Pickle, TensorRef, Value};
 use super::tensors::{Tensor, TensorMap, element_count, to_f32};
 use super::zip::Archive;
 
-/// Where MoMask (`vq_model`), T2M-GPT (`net`) and others keep the state dictionary.
-const STATE_KEYS: &[&str] = &["vq_model", "net", "state_dict", "model"];
+/// Where MoMask (`vq_model`, `t2m_transformer`, `res_transformer`), T2M-GPT (`net`, `trans`) and others keep the state dictionary.
+const STATE_KEYS: &[&str] = &["vq_model", "t2m_transformer", "res_transformer", "net", "trans", "state_dict", "model"];
 
 /// Reads the floating-point tensors of the state dictionary in a torch container.
 ///

@@ -1,6 +1,6 @@
 //! What the rules look at: heights, headings and speeds of a motion.
 
-use crate::motion::{JOINTS, Pose, skeleton};
+use crate::motion::{JOINTS, Pose, skeleton, widened};
 
 /// Joints by name.
 pub(super) mod joint {
@@ -68,7 +68,7 @@ impl Body {
         if motion.len() < 3 || !finite || !fps.is_finite() || fps <= 0.0 {
             return None;
         }
-        let joints: Vec<[Point; JOINTS]> = motion.iter().map(|pose| pose.map(|point| point.map(f64::from))).collect();
+        let joints: Vec<[Point; JOINTS]> = widened(motion);
         let standing = |j: usize| quantile(joints.iter().map(|pose| pose[j][1]).collect(), FLOOR_SHARE);
         let floor = quantile(joints.iter().map(|pose| pose[10][1].min(pose[11][1])).collect(), FLOOR_SHARE);
         let first = &joints[0];

@@ -151,7 +151,7 @@ pub fn process(motion: &[Pose], options: &Options) -> Result<Processed, Error> {
             return Err(Error::NotFinite { frame, joint });
         }
     }
-    let mut motion: Vec<[Vector; JOINTS]> = motion.iter().map(|pose| pose.map(|p| p.map(f64::from))).collect();
+    let mut motion: Vec<[Vector; JOINTS]> = super::widened(motion);
     if options.bones == Bones::Uniform {
         uniform::retarget(&mut motion, &uniform::BONE_LENGTHS)
             .map_err(|(frame, joint)| Error::NoBone { frame, joint })?;

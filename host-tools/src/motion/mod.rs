@@ -20,3 +20,18 @@ pub const FEATURES: usize = 263;
 
 /// Global positions of the 22 joints in one frame, `[joint][x, y, z]`, metres.
 pub type Pose = [[f32; 3]; JOINTS];
+
+/// The same for those who compute in f64.
+pub type WidePose = [[f64; 3]; JOINTS];
+
+/// A motion in f64.
+#[must_use]
+pub fn widened(motion: &[Pose]) -> Vec<WidePose> {
+    motion.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect()
+}
+
+/// A motion in f32, each number to the nearest.
+#[must_use]
+pub fn narrowed(motion: &[WidePose]) -> Vec<Pose> {
+    motion.iter().map(|pose| pose.map(|at| at.map(|value| value as f32))).collect()
+}

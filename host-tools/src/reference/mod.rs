@@ -26,6 +26,7 @@
 //! | [`control`] | frame features to what the planner sees of anchors |
 //! | [`tmd`] | corruption of tokens and sampling from proposals |
 //! | [`prior`] | a prior made ready: prompt to tokens |
+//! | [`published`] | MoMask's and T2M-GPT's planners |
 //! | [`tokenizer`] | a checkpoint made ready: motion to ids, ids to motion |
 //! | [`bridge`] | tokens and anchors in the runtime's types and back |
 
@@ -41,6 +42,7 @@ pub mod motion_space;
 pub mod objective;
 pub mod planner;
 pub mod prior;
+pub mod published;
 pub mod quantizer;
 pub mod quasi_newton;
 pub mod reach;

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::motion_space::reach;
+use super::motion_space::limbs::reach;
 use super::recover::JOINTS;
 
 /// A joint's place or a bone, metres.

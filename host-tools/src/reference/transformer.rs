@@ -158,24 +158,55 @@ pub struct Segment<'a, T> {
     pub values: usize,
 }
 
-/// `softmax(q k / sqrt(dh)) v` head by head over all rows of all `segments`. `queries` `[n][stride]`, of which the first `width` numbers
-/// a row count; gives `[n][width]`.
-fn attend<T: Real>(queries: &[T], stride: usize, width: usize, heads: usize, segments: &[Segment<'_, T>]) -> Vec<T> {
+/// Which of a block's own rows its rows see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sight {
+    /// All of them.
+    All,
+    /// So many from the first on; the others are padding.
+    First(usize),
+    /// Those before it, and itself.
+    Causal,
+}
+
+impl Sight {
+    /// Rows that a row sees, from the first on.
+    const fn of(self, row: usize) -> usize {
+        match self {
+            Sight::All => usize::MAX,
+            Sight::First(count) => count,
+            Sight::Causal => row + 1,
+        }
+    }
+}
+
+/// `softmax(q k / sqrt(dh)) v` head by head over the rows of all `segments`, of the first those that `sight` says. `queries` `[n][stride]`, of
+/// which the first `width` numbers a row count; gives `[n][width]`.
+fn attend<T: Real>(
+    queries: &[T],
+    (stride, width, heads): (usize, usize, usize),
+    segments: &[Segment<'_, T>],
+    sight: Sight,
+) -> Vec<T> {
     let head_width = width / heads;
     let scale = T::ONE / T::from_f64(head_width as f64).sqrt();
     let mut out = Vec::with_capacity(queries.len() / stride * width);
     let mut shares = Vec::new();
-    for query in queries.chunks_exact(stride) {
+    for (row, query) in queries.chunks_exact(stride).enumerate() {
+        let rows = || {
+            let seen = segments.iter().zip([sight.of(row)].into_iter().chain(core::iter::repeat(usize::MAX)));
+            seen.flat_map(|(s, count)| s.rows.chunks_exact(s.stride).take(count).map(move |row| (s, row)))
+        };
         for head in 0..heads {
             let columns = head * head_width..(head + 1) * head_width;
             let q = &query[columns.clone()];
-            let keys = segments.iter().flat_map(|s| s.rows.chunks_exact(s.stride).map(|row| &row[s.keys..]));
+            let keys = rows().map(|(s, row)| &row[s.keys..]);
             shares.clear();
             shares.extend(keys.map(|k| dot(q, &k[columns.clone()]) * scale));
             softmax(&mut shares);
             let start = out.len();
             out.resize(start + head_width, T::ZERO);
-            let values = segments.iter().flat_map(|s| s.rows.chunks_exact(s.stride).map(|row| &row[s.values..]));
+            let values = rows().map(|(s, row)| &row[s.values..]);
             for (v, &p) in values.zip(&shares) {
                 out[start..].iter_mut().zip(&v[columns.clone()]).for_each(|(o, &v)| *o += p * v);
             }
@@ -266,7 +297,12 @@ impl<T: Real> Block<T> {
     /// The rows `x` `[n][d]` after this layer. `memory` is what [`Block::remember`] gave; `extra` are further segments for the
     /// self-attention.
     pub fn forward(&self, x: &mut Vec<T>, memory: &[T], extra: &[Segment<'_, T>]) {
-        self.observe(x, memory, extra, &mut |_, _| ());
+        self.layer(x, memory, (extra, Sight::All), &mut |_, _| ());
+    }
+
+    /// The same without memory and further segments, where a row does not see all others.
+    pub fn forward_seeing(&self, x: &mut Vec<T>, sight: Sight) {
+        self.layer(x, &[], (&[], sight), &mut |_, _| ());
     }
 
     /// The same; `see` is told what each linear reads, by its name within the layer.
@@ -277,13 +313,23 @@ impl<T: Real> Block<T> {
         extra: &[Segment<'_, T>],
         see: &mut dyn FnMut(&'static str, &[T]),
     ) {
+        self.layer(x, memory, (extra, Sight::All), see);
+    }
+
+    fn layer(
+        &self,
+        x: &mut Vec<T>,
+        memory: &[T],
+        (extra, sight): (&[Segment<'_, T>], Sight),
+        see: &mut dyn FnMut(&'static str, &[T]),
+    ) {
         self.sublayer(x, &self.norm1, |h| {
             let width = self.output.outputs;
             see("attention.qkv", h);
             let qkv = self.qkv.forward(h);
             let own = Segment { rows: &qkv, stride: 3 * width, keys: width, values: 2 * width };
             let segments: Vec<Segment<'_, T>> = core::iter::once(own).chain(extra.iter().copied()).collect();
-            let attended = attend(&qkv, 3 * width, width, self.heads, &segments);
+            let attended = attend(&qkv, (3 * width, width, self.heads), &segments, sight);
             see("attention.out", &attended);
             self.output.forward(&attended)
         });
@@ -292,7 +338,7 @@ impl<T: Real> Block<T> {
                 let width = cross.output.outputs;
                 let memory = Segment { rows: memory, stride: 2 * width, keys: 0, values: width };
                 see("cross.q", h);
-                let attended = attend(&cross.query.forward(h), width, width, self.heads, &[memory]);
+                let attended = attend(&cross.query.forward(h), (width, width, self.heads), &[memory], Sight::All);
                 see("cross.out", &attended);
                 cross.output.forward(&attended)
             });

@@ -6,6 +6,8 @@ pub mod bench;
 pub mod checkpoints;
 #[allow(dead_code, reason = "each test binary compiles this module and not all need files of other programs")]
 pub mod foreign;
+#[allow(dead_code, reason = "each test binary compiles this module and not all compare with published models")]
+pub mod golden;
 #[allow(dead_code, reason = "each test binary compiles this module and not all need motions")]
 pub mod motions;
 #[allow(dead_code, reason = "each test binary compiles this module and not all need formulas")]

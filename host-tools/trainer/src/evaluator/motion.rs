@@ -1,7 +1,7 @@
 //! The one road from joints to features, and the changes of a motion that leave its meaning alone.
 
 use motionette_host::motion::features::{Bones, Error, Options, Processed, process};
-use motionette_host::motion::{Pose, skeleton, uniform};
+use motionette_host::motion::{Pose, narrowed, skeleton, uniform, widened};
 use motionette_host::reference::rigid::Body;
 
 use super::config::MAX_FRAMES;
@@ -22,9 +22,7 @@ pub fn prepare(joints: &[Pose]) -> Result<Processed, Error> {
 
 /// The motion with the bones of [`uniform::body`].
 fn rigid(joints: &[Pose]) -> Vec<Pose> {
-    let wide: Vec<_> = joints.iter().map(|pose| pose.map(|joint| joint.map(f64::from))).collect();
-    let posed = Body::new(&uniform::body()).posed(&wide);
-    posed.into_iter().map(|pose| pose.map(|joint| joint.map(|value| value as f32))).collect()
+    narrowed(&Body::new(&uniform::body()).posed(&widened(joints)))
 }
 
 /// The motion `factor` times as fast, positions interpolated linearly. The last frame is not passed.

@@ -486,6 +486,37 @@ mod tests {
         assert_eq!(groups(&sides), [1, 1, 7, 7]);
     }
 
+    /// A style with one clip among eight is drawn as often as its clips say, or as often as the other, and actions likewise; balance of one
+    /// leaves the other alone.
+    #[test]
+    fn rare_styles_are_drawn_more_often() {
+        let folder = tempfile::tempdir().unwrap();
+        testing::prepare_tokenizer(folder.path());
+        let tokenizer = Checkpoint::load(&folder.path().join("tokenizer.safetensors")).unwrap();
+        let plain = testing::dataset(12, 48);
+        let dataset = testing::with_facts(&plain, |info| Facts {
+            style: Some(if info.id == "figure0" { "old" } else { "happy" }.into()),
+            ..testing::facts()
+        });
+        let sentences = Sentences::new(&dataset, None, None);
+        let material = Material { dataset: &dataset, tokenizer: &tokenizer, sentences };
+        let corpus = material.training().unwrap();
+        let share = |style_balance: f64, balance: f64| {
+            let config = Config { style_balance, balance, ..Config::preset("tiny").unwrap() };
+            let shares = corpus.shares(&config);
+            let mut random = Random::new(3, 9);
+            let old = |index: usize| dataset.clips[corpus.motions[index].clip].id == "figure0";
+            (0..4000).filter(|_| old(corpus.pick(&shares, &mut random))).count() as f64 / 4000.0
+        };
+        let clips = corpus.motions.len() as f64 / 2.0;
+        for (style_balance, wanted) in [(0.0, 1.0 / clips), (1.0, 0.5), (0.5, 1.0 / (1.0 + (clips - 1.0).sqrt()))] {
+            for balance in [0.0, 1.0] {
+                let found = share(style_balance, balance);
+                assert!((found - wanted).abs() < 0.03, "{style_balance}, {balance}: {found} {wanted}");
+            }
+        }
+    }
+
     #[test]
     fn something_is_always_left_to_plan() {
         let mut random = Random::new(4, 4);

@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use motionette::refining::{Config, Exact};
 use motionette::{Bones, Request};
 use motionette_host::blob::BlobFile;
-use motionette_host::motion::Pose;
+use motionette_host::motion::{Pose, widened};
 use motionette_host::reference::Anchor;
 use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::reference::reach;
@@ -204,7 +204,7 @@ impl Bench<'_> {
         let errors_cm = errors_cm.context("anchors lie within the motion")?;
         // Of the motion that was generated for these tokens, whatever bends it.
         let generated = verify::run(self.blob, &prompt.caption, &Request::tokens(&motion.tokens).unrefined())?.joints;
-        let generated: Vec<_> = generated.iter().map(|pose| pose.map(|at| at.map(f64::from))).collect();
+        let generated = widened(&generated);
         let out = reach::unreachable(&generated, &known, Exact::DEFAULT.added_speed.into(), FPS as f64);
         let frames: Vec<usize> = known.iter().map(|anchor| anchor.frame).collect();
         let (joints, fps) = (&motion.joints, FPS as f64);

@@ -3,6 +3,16 @@
 //! The model is a Gaussian prior on what is added: velocities of the root with covariance `N(s - s'; 0, 4) / 100`, heights with a Matern 3/2
 //! of 6 frames and 5 cm, each chain's own way with a Gaussian of 6 frames. Covariances of the path are double sums here, systems are dense,
 //! every pose of a repetition is made anew from the generated motion.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`limbs`] | limbs of two bones whose end or middle is put somewhere |
+//! | [`stances`] | when feet stand, and what happens in between |
+//! | [`strain`] | how far an edit takes a motion |
+
+pub mod limbs;
+pub mod stances;
+pub mod strain;
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -11,6 +21,11 @@ use nalgebra::{DMatrix, Vector3};
 
 use super::anchors::Anchor;
 use super::recover::JOINTS;
+use limbs::{bend, reach};
+use stances::{fill, stances};
+
+pub use stances::standing;
+pub use strain::strain;
 
 /// A joint's place or a way, metres.
 type Vector = Vector3<f64>;
@@ -121,25 +136,6 @@ pub fn edited(
     solver.run();
     let out = (0..motion.len()).map(|t| solver.pose(t).map(|v| [v.x, v.y, v.z])).collect();
     (out, solver.points.iter().map(|point| point.loose).collect())
-}
-
-/// How far an edit takes a motion `[T]` from what was generated: the length of two numbers, how many times faster or slower the pelvis goes over
-/// the floor on average (.15 m/s added to both; 2.7 times is 1, no change 0), and how far joints are from where they were as the pelvis
-/// sees them, root of the mean square, in 15 cm.
-#[must_use]
-pub fn strain(generated: &[[[f64; 3]; JOINTS]], edited: &[[[f64; 3]; JOINTS]], frame_rate: f64) -> f64 {
-    let at = |motion: &[[[f64; 3]; JOINTS]], t: usize, joint: usize| Vector::from(motion[t][joint]);
-    let speed = |motion: &[[[f64; 3]; JOINTS]]| {
-        let steps = (1..motion.len()).map(|t| (at(motion, t, 0) - at(motion, t - 1, 0)).xz().norm());
-        0.15 + frame_rate * steps.sum::<f64>() / (motion.len() - 1) as f64
-    };
-    let seen = |motion: &[[[f64; 3]; JOINTS]], t: usize, joint: usize| at(motion, t, joint) - at(motion, t, 0);
-    let apart = |t: usize| {
-        (0..JOINTS).map(|joint| (seen(edited, t, joint) - seen(generated, t, joint)).norm_squared()).sum::<f64>()
-    };
-    let apart = (0..generated.len()).map(apart).sum::<f64>() / (generated.len() * JOINTS) as f64;
-    let (was, is) = (speed(generated), speed(edited));
-    (((was / is).max(is / was) - 1.0) / 1.7).hypot(apart.sqrt() / 0.15)
 }
 
 fn gaussian(x: f64, width: f64) -> f64 {
@@ -520,89 +516,4 @@ impl<'a> Solver<'a> {
         }
         any
     }
-}
-
-/// When left and right foot stand, frames from and to (behind the last): the stances that an edit of this motion keeps.
-#[must_use]
-pub fn standing(motion: &[[[f64; 3]; JOINTS]]) -> [Vec<Range<usize>>; 2] {
-    let poses: Vec<Pose> = motion.iter().map(|pose| pose.map(Vector::from)).collect();
-    [10, 11].map(|toe| stances(&poses, toe).into_iter().map(|(stance, _)| stance).collect())
-}
-
-/// The stances of a foot, each held firmly.
-fn stances(motion: &[Pose], toe: usize) -> Vec<(Range<usize>, f64)> {
-    let slow = |t: usize| {
-        let (a, b) = (motion[t][toe], motion[t + 1][toe]);
-        a.y < 0.05 && b.y < 0.05 && (b.x - a.x).hypot(b.z - a.z) < 0.04
-    };
-    let mut found: Vec<Range<usize>> = Vec::new();
-    for t in (0..motion.len().saturating_sub(1)).filter(|t| slow(*t)) {
-        match found.last_mut() {
-            Some(last) if t <= last.end + 2 => last.end = t + 2,
-            _ => found.push(t..t + 2),
-        }
-    }
-    found.into_iter().filter(|stance| stance.len() >= 3).map(|stance| (stance, 1.0)).collect()
-}
-
-/// Offsets between those that are known: cubic with the slopes inside of known stretches, fading over ten frames beyond the outermost.
-fn fill(offsets: Vec<Vector>, known: &[bool]) -> Vec<Vector> {
-    let is = |t: Option<usize>| t.filter(|t| known.get(*t) == Some(&true));
-    let value = |t: usize| {
-        if known[t] {
-            return offsets[t];
-        }
-        let fade = |offset: Vector, frames: usize| {
-            let s = (1.0 - frames as f64 / 10.0).max(0.0);
-            offset * (s * s * (3.0 - 2.0 * s))
-        };
-        let before = (0..t).rev().find(|t| known[*t]);
-        let behind = (t..known.len()).find(|t| known[*t]);
-        match (before, behind) {
-            (None, None) => Vector::zeros(),
-            (Some(a), None) => fade(offsets[a], t - a),
-            (None, Some(b)) => fade(offsets[b], b - t),
-            (Some(a), Some(b)) => {
-                let gap = (b - a) as f64;
-                let leaving = is(a.checked_sub(1)).map_or(Vector::zeros(), |c| (offsets[a] - offsets[c]) * gap);
-                let arriving = is(Some(b + 1)).map_or(Vector::zeros(), |c| (offsets[c] - offsets[b]) * gap);
-                let s = (t - a) as f64 / gap;
-                offsets[a] * (2.0 * s.powi(3) - 3.0 * s * s + 1.0)
-                    + leaving * (s.powi(3) - 2.0 * s * s + s)
-                    + offsets[b] * (3.0 * s * s - 2.0 * s.powi(3))
-                    + arriving * (s.powi(3) - s * s)
-            }
-        }
-    };
-    (0..known.len()).map(value).collect()
-}
-
-/// Middle and end of a limb of two bones whose end is put at `target`, or as near as it reaches.
-pub(super) fn reach([root, middle, end]: [Vector; 3], target: Vector, pole: Vector) -> (Vector, Vector) {
-    let (upper, lower) = ((middle - root).norm(), (end - middle).norm());
-    let had = (end - root).norm();
-    let most = (0.9995 * (upper + lower)).max(had);
-    let least = ((upper - lower).abs() + 0.02).min(had);
-    let from = if had > 1e-6 { (end - root) / had } else { -Vector::y() };
-    let wanted = (target - root).norm();
-    let to = if wanted > 1e-6 { (target - root) / wanted } else { from };
-    let reach = wanted.min(most).max(least);
-    let along = (upper * upper - lower * lower + reach * reach) / (2.0 * reach);
-    let across = (upper * upper - along * along).max(0.0).sqrt();
-    let side = middle - root + pole;
-    let side = side - from * side.dot(&from);
-    let side = side - (from + to) * (side.dot(&to) / (1.0 + from.dot(&to) + 1e-6));
-    let side = side - to * side.dot(&to);
-    let other = if to.x.abs() < 0.7 { Vector::x() } else { Vector::z() };
-    let side = if side.norm() > 1e-6 { side.normalize() } else { to.cross(&other).normalize() };
-    (root + to * along + side * across, root + to * reach)
-}
-
-/// Middle and end of a limb whose middle is turned towards `target` about its root; the end stays as near as it can.
-fn bend([root, middle, end]: [Vector; 3], target: Vector) -> (Vector, Vector) {
-    let turned = |direction: Vector, bone: Vector| {
-        if direction.norm() > 1e-6 { direction.normalize() * bone.norm() } else { bone }
-    };
-    let at = root + turned(target - root, middle - root);
-    (at, at + turned(end - at, end - middle))
 }
