@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::{self, control, file_hash, prior};
-use motionette_host::convert::{self, CardText, Options, PriorSource, bank, calibration};
+use motionette_host::convert::{self, CardText, Options, PlannerBits, PriorSource, bank, calibration};
 use motionette_host::dataset::{Dataset, Split, captioned};
 use motionette_host::import::{actions::Actions, packs};
 use motionette_host::reference::Prior;
@@ -34,14 +34,14 @@ fn weights(blob: &[u8]) -> String {
     Sha256::digest(section).iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// What the command in models/README.md writes, of that name, with so many bits in the planner's blocks.
-fn converted(dataset: &Dataset, name: &str, planner_bits: u8) -> AlignedBlob {
+/// What the command in models/README.md writes, of that name, with words of so many tiers and such bits in the planner's blocks.
+fn converted(dataset: &Dataset, name: &str, tier: u8, planner_bits: PlannerBits) -> AlignedBlob {
     let paths = ["nano.safetensors", "nano.prior.safetensors", "nano.control.safetensors"].map(model);
     let [tokenizer, planner, anchors] = &paths;
     let tokenizer = checkpoint::load(tokenizer).expect("a tokenizer");
     let planner = prior::load(planner).expect("a prior");
     let tiers = planner.config.word_tiers.clone();
-    let planner = planner.with_words(|row, _| tiers[row] <= 1);
+    let planner = planner.with_words(|row, _| tiers[row] <= tier);
     let control = control::load(anchors).expect("a control");
     let prompts = bank::read(&model("bank.txt")).expect("prompts");
     let bank = bank::encode(&planner, &prompts, false).expect("prompts of the vocabulary");
@@ -72,8 +72,8 @@ fn the_shipped_checkpoints_give_the_shipped_blobs() {
     let request = packs::Request { folders: vec![first, second], actions, withdraw: Vec::new(), shortest: SHORTEST };
     let dataset = packs::import(&request, &|_, _| ()).expect("the packs").dataset;
     assert_eq!(dataset.hash, PACKS, "the features of the packs");
-    for (name, planner_bits) in [("nano", 8), ("nano-pico2", 4)] {
-        let made = converted(&dataset, name, planner_bits);
+    for (name, tier, bits) in [("nano", 1, PlannerBits::EIGHT), ("nano-pico2", 1, PlannerBits::FOUR)] {
+        let made = converted(&dataset, name, tier, bits);
         let shipped = std::fs::read(model(&format!("{name}.blob"))).expect("the shipped blob");
         assert_eq!(weights(made.bytes()), weights(&shipped), "the weight section of {name}");
         assert!(made.bytes() == shipped, "{name}: header, manifest or table differ, the weights do not");

@@ -108,7 +108,11 @@ pub fn run<D: JobHost, const C: usize>(
                             job,
                             frames: frames.len() as u16,
                             control_error,
-                            understood: Understood::of(model, motion.understood(), &request.text),
+                            understood: Understood::of(
+                                model,
+                                motion.understood().into_iter().chain(motion.then()),
+                                &request.text,
+                            ),
                             strain: Strain::of(&motion),
                         };
                         jobs.with(|state| state.done(event));

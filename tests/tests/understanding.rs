@@ -199,6 +199,11 @@ fn what_was_understood_in_words() {
     assert_eq!(reply(styled).phrase.as_str(), "a person stands, angrily");
     assert!(message::Understood::of(&model, Some(Understood { actions: [guess(60, 0.9); 3], ..plain }), "").is_none());
     // A model that was not taught says which words it knows.
+    let both =
+        message::Understood::of(&model, [plain, Understood { actions: [guess(1, 0.25); 3], ..plain }], "").unwrap();
+    assert_eq!((both.phrase.as_str(), both.score), ("a person stands, then a person runs", 0.25));
+    let long = message::Understood::of(&model, [styled, styled, styled], "").unwrap();
+    assert_eq!(long.phrase.as_str(), "a person stands, angrily, then a person stands, angrily, then a ");
     let words = message::Understood::of(&model, None, "a xyzzy run").unwrap();
     assert_eq!((words.phrase.as_str(), words.score), ("a run", 2.0 / 3.0));
 }

@@ -35,6 +35,9 @@
 // Likeliest actions of `mtn_understood`.
 #define MTN_NEAREST 3
 
+// Most clauses of a prompt, done one behind the other ("walk, then wave"), beside the first.
+#define MTN_FURTHER_CLAUSES 2
+
 // In place of a phrase's number: no phrase.
 #define MTN_NO_PHRASE 65535
 
@@ -424,8 +427,10 @@ typedef struct mtn_motion {
     uint16_t unknown_words;
     // Anchors that the planner did not see.
     uint16_t unconditioned_anchors;
-    // What the prompt was understood as.
+    // What the prompt was understood as, or the first of its clauses.
     struct mtn_understood understood;
+    // The same of its further clauses, in the order in which they are done; behind the last of them all `MTN_NO_PHRASE`.
+    struct mtn_understood then[MTN_FURTHER_CLAUSES];
 } mtn_motion;
 
 // The pelvis at `[x, y, z]`.
@@ -532,8 +537,8 @@ struct mtn_result mtn_self_test(struct mtn_generator *generator);
 struct mtn_result mtn_motion_hash(const struct mtn_motion *motion, uint64_t *hash);
 
 // What the prompt was understood as, in English, zero-terminated, into `text`: `a person waves the right hand, angrily (0.86)`, or
-// `hardly anything; nearest: ...` and up to three phrases; empty where there is nothing to say. What does not fit into `bytes` is
-// left out; 256 hold everything that the bundled models say.
+// `hardly anything; nearest: ...` and up to three phrases, `, then ` between clauses; empty where there is nothing to say. What does not fit
+// into `bytes` is left out; 256 hold everything that the bundled models say of a clause.
 //
 // # Safety
 // As of `mtn_generate`; `motion` came from this generator; `text` points to `bytes` bytes, at least 1.

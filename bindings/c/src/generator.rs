@@ -82,6 +82,9 @@ pub type mtn_progress_fn =
 /// Likeliest actions of `mtn_understood`.
 pub const MTN_NEAREST: usize = 3;
 const _: () = assert!(MTN_NEAREST == motionette::NEAREST);
+/// Most clauses of a prompt, done one behind the other ("walk, then wave"), beside the first.
+pub const MTN_FURTHER_CLAUSES: usize = 2;
+const _: () = assert!(MTN_FURTHER_CLAUSES + 1 == motionette::MAX_CLAUSES);
 
 /// In place of a phrase's number: no phrase.
 pub const MTN_NO_PHRASE: u16 = 0xFFFF;
@@ -148,8 +151,10 @@ pub struct mtn_motion {
     pub unknown_words: u16,
     /// Anchors that the planner did not see.
     pub unconditioned_anchors: u16,
-    /// What the prompt was understood as.
+    /// What the prompt was understood as, or the first of its clauses.
     pub understood: mtn_understood,
+    /// The same of its further clauses, in the order in which they are done; behind the last of them all `MTN_NO_PHRASE`.
+    pub then: [mtn_understood; MTN_FURTHER_CLAUSES],
 }
 
 /// Makes a generator of `model` that works in `arena` and nowhere else.
@@ -278,8 +283,8 @@ pub unsafe extern "C" fn mtn_motion_hash(motion: *const mtn_motion, hash: *mut u
 }
 
 /// What the prompt was understood as, in English, zero-terminated, into `text`: `a person waves the right hand, angrily (0.86)`, or
-/// `hardly anything; nearest: ...` and up to three phrases; empty where there is nothing to say. What does not fit into `bytes` is
-/// left out; 256 hold everything that the bundled models say.
+/// `hardly anything; nearest: ...` and up to three phrases, `, then ` between clauses; empty where there is nothing to say. What does not fit
+/// into `bytes` is left out; 256 hold everything that the bundled models say of a clause.
 ///
 /// # Safety
 /// As of `mtn_generate`; `motion` came from this generator; `text` points to `bytes` bytes, at least 1.
@@ -293,7 +298,7 @@ pub unsafe extern "C" fn mtn_motion_understood(
     report(|| {
         let slot = place(generator, 0)?.cast::<Opened>().cast_mut();
         // SAFETY: aligned; the caller promises a value.
-        let understood = unsafe { place(motion, 1)?.read() }.understood.understood();
+        let motion = unsafe { place(motion, 1)?.read() };
         place(text, 2)?;
         if bytes == 0 {
             return Err(mtn_result { index: 3, limit: 1, ..mtn_error::Length.into() });
@@ -302,9 +307,11 @@ pub unsafe extern "C" fn mtn_motion_understood(
         let room = unsafe { slice_mut(text.cast::<u8>(), bytes, 2) }?;
         let work = |generator: &mut Generator<'static>| {
             let mut text = Text { room, len: 0 };
-            if let Some(understood) = understood {
+            let clauses = core::iter::once(&motion.understood).chain(&motion.then);
+            for (k, clause) in clauses.filter_map(mtn_understood::understood).enumerate() {
+                let separator = if k > 0 { ", then " } else { "" };
                 // Too little room is no error: what is there can be read.
-                let _ = write!(text, "{}", generator.model().in_words(understood));
+                let _ = write!(text, "{separator}{}", generator.model().in_words(clause));
             }
             let end = text.len;
             if let Some(zero) = text.room.get_mut(end) {
@@ -324,6 +331,10 @@ impl mtn_motion {
         let after = report.and_then(|report| report.after);
         let mean = |error: Option<ControlError>| error.map_or(-1.0, |error| error.mean);
         let frames = motion.frames();
+        let mut then = [mtn_understood::NOTHING; MTN_FURTHER_CLAUSES];
+        for (to, clause) in then.iter_mut().zip(motion.then()) {
+            *to = clause.into();
+        }
         mtn_motion {
             joints: frames.as_ptr(),
             frames: frames.len(),
@@ -343,6 +354,7 @@ impl mtn_motion {
             unknown_words: motion.unknown_words(),
             unconditioned_anchors: motion.unconditioned_anchors(),
             understood: motion.understood().map_or(mtn_understood::NOTHING, mtn_understood::from),
+            then,
         }
     }
 }

@@ -468,6 +468,15 @@ fn what_was_understood_is_what_the_rust_library_says() {
             assert_eq!(in_words(&mut bench, &motion, bytes).unwrap(), expected[..bytes - 1]);
         }
     }
+    // One thing behind the other, in as much room as there is.
+    let first = mtn_understood { actions, style: none, sure: 1 };
+    let second = mtn_understood { style: guess(1, 0.7), ..first };
+    let both = mtn_motion { understood: first, then: [second, mtn_understood::NOTHING], ..motion };
+    let words = |understood: mtn_understood| generator.model().in_words(understood.understood().unwrap()).to_string();
+    let expected = format!("{}, then {}", words(first), words(second));
+    for bytes in [1, words(first).len() + 1, words(first).len() + 5, expected.len(), 256] {
+        assert_eq!(in_words(&mut bench, &both, bytes).unwrap(), expected[..expected.len().min(bytes - 1)]);
+    }
     let silent = mtn_motion { understood: mtn_understood::NOTHING, ..motion };
     assert_eq!(in_words(&mut bench, &silent, 1), Ok(String::new()));
     assert_eq!(in_words(&mut bench, &silent, 0), Err(result(mtn_error::Length, 3, 0, 1)));

@@ -20,26 +20,59 @@ pub struct Options {
     pub bias_correction: bool,
     /// Ridge of the covariance, as a share of its mean diagonal.
     pub ridge: f64,
-    /// Bits of the weights in the planner's blocks, 8 or 4. The text encoder, the planner's first and last linear, its tables and the
+    /// Bits of the weights in the planner's blocks. The text encoder, the planner's first and last linear, its tables and the
     /// anchor control keep 8; so do linears whose inputs do not come in whole groups of [`motionette::kernels::GROUP`].
-    pub planner_bits: u8,
+    pub planner_bits: PlannerBits,
+}
+
+/// Bits of the weights in the planner's blocks, each 8 or 4.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PlannerBits {
+    /// Of attention to itself and to the text.
+    pub attention: u8,
+    /// Of the feed-forward layers.
+    pub feed_forward: u8,
+}
+
+impl PlannerBits {
+    /// Eight everywhere.
+    pub const EIGHT: Self = Self { attention: 8, feed_forward: 8 };
+    /// Four everywhere.
+    pub const FOUR: Self = Self { attention: 4, feed_forward: 4 };
+
+    /// Those of a linear of the blocks by its name.
+    #[must_use]
+    pub fn of(self, name: &str) -> u8 {
+        if name.contains(".ffn.") { self.feed_forward } else { self.attention }
+    }
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { rounding: Rounding::Feedback, refit: true, bias_correction: true, ridge: 0.03, planner_bits: 8 }
+        Self {
+            rounding: Rounding::Feedback,
+            refit: true,
+            bias_correction: true,
+            ridge: 0.03,
+            planner_bits: PlannerBits::EIGHT,
+        }
     }
 }
 
 impl Options {
     /// Plain rounding to nearest, nothing corrected: what everything else is measured against.
-    pub const PLAIN: Self =
-        Self { rounding: Rounding::Nearest, refit: false, bias_correction: false, ridge: 0.0, planner_bits: 8 };
+    pub const PLAIN: Self = Self {
+        rounding: Rounding::Nearest,
+        refit: false,
+        bias_correction: false,
+        ridge: 0.0,
+        planner_bits: PlannerBits::EIGHT,
+    };
 
     /// Whether captioned motions are of use.
     #[must_use]
     pub fn calibrates_planner(&self) -> bool {
-        self.planner_bits < 8 && self.needs_calibration()
+        self.planner_bits != PlannerBits::EIGHT && self.needs_calibration()
     }
 
     /// Whether calibration data is of use.

@@ -30,7 +30,7 @@ pub mod moments;
 pub mod prior;
 pub mod rounding;
 
-pub use conv1d::Options;
+pub use conv1d::{Options, PlannerBits};
 pub use error::Error;
 pub use rounding::Rounding;
 

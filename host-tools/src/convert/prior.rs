@@ -81,11 +81,12 @@ fn quantised(part: Part<'_>, options: &Options, inputs: &Inputs) -> QuantisedPar
         Part::Linear(linear) => {
             let source = linear.as_convolution();
             let narrow = linear.name.starts_with("planner.layers.") && linear.inputs.is_multiple_of(GROUP);
-            QuantisedPart::Linear(if narrow && options.planner_bits < 8 {
+            let bits = if narrow { options.planner_bits.of(&linear.name) } else { 8 };
+            QuantisedPart::Linear(if bits < 8 {
                 // What the layers before it lost is not known here.
                 let options = Options { refit: false, ..*options };
                 let moments = inputs.get(&linear.name).map(|rows| moments(&source, rows));
-                QuantisedConv1d::new(&source, (0, options.planner_bits), &options, moments.as_ref())
+                QuantisedConv1d::new(&source, (0, bits), &options, moments.as_ref())
             } else {
                 plain(&source)
             })

@@ -19,18 +19,33 @@ pub struct Understood {
 }
 
 impl Understood {
-    /// What `model` understood of the prompt `text`, of whose motion it says that it was `understood`.
+    /// What `model` understood of the prompt `text`, of whose clauses its motion says that they were `understood`: the phrases with `, then `
+    /// between them, as far as there is room, and the least of their scores.
     #[must_use]
-    pub fn of(model: &Model<'_>, understood: Option<motionette::Understood>, text: &str) -> Option<Self> {
-        let Some(understood) = understood else { return Self::of_words(model, text) };
-        let action = understood.action();
-        let mut phrase = Phrase::new();
-        push(&mut phrase, model.phrase(action.phrase)?);
-        if let Some(style) = understood.style.and_then(|style| model.phrase(style.phrase)) {
-            push(&mut phrase, ", ");
-            push(&mut phrase, style);
+    pub fn of(
+        model: &Model<'_>,
+        understood: impl IntoIterator<Item = motionette::Understood>,
+        text: &str,
+    ) -> Option<Self> {
+        let mut said: Option<Self> = None;
+        for clause in understood {
+            let action = clause.action();
+            let words = model.phrase(action.phrase)?;
+            let mut all = said.unwrap_or(Understood { phrase: Phrase::new(), score: action.score });
+            if !all.phrase.is_empty() {
+                push(&mut all.phrase, ", then ");
+            }
+            push(&mut all.phrase, words);
+            if let Some(style) = clause.style.and_then(|style| model.phrase(style.phrase)) {
+                push(&mut all.phrase, ", ");
+                push(&mut all.phrase, style);
+            }
+            if action.score < all.score {
+                all.score = action.score;
+            }
+            said = Some(all);
         }
-        Some(Understood { phrase, score: action.score })
+        said.or_else(|| Self::of_words(model, text))
     }
 
     /// What `model` knows of the words of `text`, in their order, and the share of them that it knows; `None` when it reads no text or
