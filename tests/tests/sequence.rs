@@ -149,6 +149,8 @@ fn a_prompt_stays_whole_where_it_cannot_be_parted() {
         let plan = |generator: &mut Generator<'_>, prompt| generator.plan(&Request::text(prompt).steps(3)).unwrap();
         let (one, two) = (plan(generator, "a person waves xx run"), plan(generator, "a person waves then run"));
         assert_eq!(one.arena_bytes, two.arena_bytes, "clauses cost no memory");
+        let used = generator.generate(&Request::text("a person waves then run").steps(3), &mut ()).unwrap().arena_used;
+        assert_eq!(used, two.arena_bytes);
         assert!(two.planning_macs > one.planning_macs);
     });
 }

@@ -277,6 +277,7 @@ impl<'a> Generator<'a> {
                 prompt: &prompt,
                 planning: &request.planning,
                 shortest,
+                capacity: limits.tokens,
                 context: 0,
                 clause: (0, 1),
                 anchors: Some(&anchors).filter(|_| planning.anchors),

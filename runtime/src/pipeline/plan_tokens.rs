@@ -54,6 +54,8 @@ pub(super) struct PlanningTask<'p> {
     pub planning: &'p Planning<'p>,
     /// Tokens of a predicted length at least.
     pub shortest: usize,
+    /// Tokens of the largest part of the motion: what the session takes does not depend on which of them it is.
+    pub capacity: usize,
     /// Of the tokens, so many at the beginning come before what is planned; the planning gives them.
     pub context: usize,
     /// Clauses planned before this one, and all of them.
@@ -72,8 +74,8 @@ pub(super) fn plan_tokens(
     tokens: &mut [u16],
     observer: &mut dyn Observer,
 ) -> Result<Planned, Error> {
-    let PlanningTask { limits, rows, prompt, planning, shortest, context, clause, anchors } = task;
-    let mut session = Session::new(modules, arena, tokens.len(), limits, rows).map_err(Error::Arena)?;
+    let PlanningTask { limits, rows, prompt, planning, shortest, capacity, context, clause, anchors } = task;
+    let mut session = Session::new(modules, arena, capacity, limits, rows).map_err(Error::Arena)?;
     let mut watch = Watch { observer, stage: Stage::Reading, evaluation: 1, evaluations: 1 };
     let mut end = Finishing { watch: &mut watch, wanted: false, ready: false };
     let ControlFlow::Continue(heard) = session.read(prompt, &mut || end.ask())? else { return Err(Error::Aborted) };

@@ -380,6 +380,7 @@ impl MotionStream<'_, '_> {
             prompt,
             planning,
             shortest: 1,
+            capacity: context + count,
             context,
             clause: (0, 1),
             anchors: None,

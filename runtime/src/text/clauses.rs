@@ -66,107 +66,191 @@ impl<'p> Clauses<'p> {
     }
 }
 
+/// What a word has to say of an order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Other,
+    /// `and`, `but`.
+    And,
+    /// `then`, `afterwards`: B follows.
+    Then,
+    Next,
+    Followed,
+    By,
+    After,
+    Before,
+    /// `that`, `this`.
+    That,
+    /// Who does something: behind one of these `before` and `after` speak of time.
+    Subject,
+    /// What is done: the same.
+    Doing,
+    /// `since`, `until`, `now`: a `then` behind them says no order.
+    Since,
+}
+
+/// Words of each kind, in lower case; a word that ends in `ing` and is not here is something that is done.
+const KINDS: [(&str, Kind); 32] = [
+    ("and", Kind::And),
+    ("but", Kind::And),
+    ("then", Kind::Then),
+    ("afterwards", Kind::Then),
+    ("afterward", Kind::Then),
+    ("next", Kind::Next),
+    ("followed", Kind::Followed),
+    ("by", Kind::By),
+    ("after", Kind::After),
+    ("before", Kind::Before),
+    ("that", Kind::That),
+    ("this", Kind::That),
+    ("i", Kind::Subject),
+    ("you", Kind::Subject),
+    ("he", Kind::Subject),
+    ("she", Kind::Subject),
+    ("we", Kind::Subject),
+    ("they", Kind::Subject),
+    ("it", Kind::Subject),
+    ("since", Kind::Since),
+    ("until", Kind::Since),
+    ("now", Kind::Since),
+    ("king", Kind::Other),
+    ("ring", Kind::Other),
+    ("string", Kind::Other),
+    ("thing", Kind::Other),
+    ("something", Kind::Other),
+    ("anything", Kind::Other),
+    ("nothing", Kind::Other),
+    ("everything", Kind::Other),
+    ("morning", Kind::Other),
+    ("building", Kind::Other),
+];
+
+impl Kind {
+    fn of(word: &[u8]) -> Self {
+        let known = KINDS.iter().find(|(known, _)| known.as_bytes().eq_ignore_ascii_case(word));
+        let doing = || word.last_chunk().is_some_and(|end: &[u8; 3]| end.eq_ignore_ascii_case(b"ing"));
+        known.map_or_else(|| if doing() { Kind::Doing } else { Kind::Other }, |(_, kind)| *kind)
+    }
+}
+
+/// What stands in front of a word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Mark {
+    None,
+    Comma,
+    /// A full stop or semicolon, and a space.
+    Stop,
+}
+
+/// A word of a text.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    from: u16,
+    to: u16,
+    kind: Kind,
+    mark: Mark,
+}
+
+/// Nothing before or behind a text.
+const NOWHERE: Place = Place { from: 0, to: 0, kind: Kind::Other, mark: Mark::None };
+
 /// A text with the places of its words.
 struct Sentence<'p> {
     text: &'p str,
-    words: Vec<(u16, u16), MAX_WORDS>,
+    words: Vec<Place, MAX_WORDS>,
 }
-
-/// Who does something: behind one of these `before` and `after` speak of time.
-const SUBJECTS: [&str; 7] = ["i", "you", "he", "she", "we", "they", "it"];
 
 impl<'p> Sentence<'p> {
     /// `None` for a text that is too long to be parted.
     fn new(text: &'p str) -> Option<Self> {
         let mut words = Vec::new();
-        let mut begin = None;
+        let (mut begin, mut mark, mut last) = (None, Mark::None, ' ');
         for (at, c) in text.char_indices().chain([(text.len(), ' ')]) {
             let at = u16::try_from(at).ok()?;
-            match (begin, c.is_alphanumeric() || c == '\'') {
-                (None, true) => begin = Some(at),
-                (Some(from), false) => {
-                    words.push((from, at)).ok()?;
-                    begin = None;
+            let letter = c.is_alphanumeric() || c == '\'';
+            match begin {
+                None if letter => begin = Some(at),
+                Some(from) if !letter => {
+                    let word = text.as_bytes().get(from.into()..at.into())?;
+                    words.push(Place { from, to: at, kind: Kind::of(word), mark }).ok()?;
+                    (begin, mark) = (None, Mark::None);
                 }
                 _ => {}
             }
+            // A full stop alone may belong to a number.
+            let found = match (last, c) {
+                ('.' | ';', ' ' | '\n') => Mark::Stop,
+                (_, ',') => Mark::Comma,
+                _ => Mark::None,
+            };
+            if begin.is_none() && found > mark {
+                mark = found;
+            }
+            last = c;
         }
         Some(Sentence { text, words })
     }
 
-    fn len(&self) -> usize {
-        self.words.len()
+    fn at(&self, index: usize) -> Place {
+        self.words.get(index).copied().unwrap_or(NOWHERE)
     }
 
-    /// A word; empty where there is none.
-    fn word(&self, index: usize) -> &'p str {
-        self.words.get(index).and_then(|&(from, to)| self.text.get(from.into()..to.into())).unwrap_or("")
-    }
-
-    fn is(&self, index: usize, word: &str) -> bool {
-        self.word(index).eq_ignore_ascii_case(word)
-    }
-
-    fn any(&self, index: usize, words: &[&str]) -> bool {
-        words.iter().any(|word| self.is(index, word))
-    }
-
-    /// Whether one of `marks`, and a space, stand in front of a word.
-    fn mark(&self, index: usize, marks: &[char]) -> bool {
-        let ends = index.checked_sub(1).and_then(|before| Some((self.words.get(before)?.1, self.words.get(index)?.0)));
-        let between = ends.and_then(|(from, to)| self.text.get(from.into()..to.into()));
-        between.is_some_and(|between| between.contains(marks) && between.ends_with(char::is_whitespace))
+    fn is(&self, index: usize, kind: Kind) -> bool {
+        self.at(index).kind == kind
     }
 
     /// Whether somebody does something from this word on: "you sit", "he has sat", "sitting".
     fn acts(&self, index: usize) -> bool {
-        let ing =
-            self.word(index).as_bytes().last_chunk().is_some_and(|end: &[u8; 3]| end.eq_ignore_ascii_case(b"ing"));
-        let subject = self.any(index, &SUBJECTS) && index + 1 < self.len();
-        subject
-            || (ing && !self.any(index, &["king", "ring", "thing", "something", "anything", "everything", "morning"]))
+        self.is(index, Kind::Doing) || (self.is(index, Kind::Subject) && index + 1 < self.words.len())
     }
 
     /// The text from one word up to another, without it and without an "and" before it; `None` when nothing is left.
     fn part(&self, from: usize, to: usize) -> Option<&'p str> {
-        let to = if to > from && self.any(to - 1, &["and", "but"]) { to - 1 } else { to };
+        let to = if to > from && self.is(to - 1, Kind::And) { to - 1 } else { to };
         let last = to.checked_sub(1).filter(|last| *last >= from)?;
-        let (begin, end) = (self.words.get(from)?.0, self.words.get(last)?.1);
-        self.text.get(begin.into()..end.into())
+        self.text.get(self.at(from).from.into()..self.at(last).to.into())
+    }
+
+    /// Of this sentence the words up to the first number and those from the second on, in this order or the other.
+    fn parts(&self, to: usize, from: usize, swapped: bool) -> Option<[&'p str; 2]> {
+        let (first, second) = (self.part(0, to)?, self.part(from, self.words.len())?);
+        Some(if swapped { [second, first] } else { [first, second] })
+    }
+
+    /// How many words say an order there, and whether what follows them is done first; `None` where none do.
+    fn order(&self, word: usize) -> Option<(usize, bool)> {
+        let (before, Place { kind, mark, .. }) = (word - 1, self.at(word));
+        match kind {
+            Kind::Then if !self.is(before, Kind::Since) => Some((1, false)),
+            Kind::Next if mark > Mark::None || self.is(before, Kind::And) => Some((1, false)),
+            Kind::Followed if self.is(word + 1, Kind::By) => Some((2, false)),
+            Kind::After if self.is(word + 1, Kind::That) => Some((2, false)),
+            Kind::Before if self.acts(word + 1) => Some((1, false)),
+            Kind::After if self.acts(word + 1) => Some((1, true)),
+            _ if mark == Mark::Stop => Some((0, false)),
+            _ => None,
+        }
     }
 }
 
 /// The first place at which a text is parted: what is done first, and what then.
+#[inline(never)]
 fn cut(text: &str) -> Option<[&str; 2]> {
     let sentence = Sentence::new(text)?;
-    let all = sentence.len();
-    if sentence.is(0, "after") && !sentence.any(1, &["that", "this"]) {
-        let begins = |&word: &usize| sentence.mark(word, &[',']) || sentence.any(word, &SUBJECTS);
+    let all = sentence.words.len();
+    if sentence.is(0, Kind::After) && !sentence.is(1, Kind::That) {
+        let begins = |&word: &usize| sentence.at(word).mark == Mark::Comma || sentence.is(word, Kind::Subject);
         if let Some(word) = (2..all).find(begins) {
             return Some([sentence.part(1, word)?, sentence.part(word, all)?]);
         }
     }
     for word in 1..all {
-        let joined = sentence.mark(word, &[',', ';', '.']) || sentence.any(word - 1, &["and", "but"]);
-        // Words that say an order there.
-        let said = match () {
-            () if sentence.is(word, "then") && !sentence.any(word - 1, &["since", "until", "now"]) => 1,
-            () if sentence.any(word, &["afterwards", "afterward"]) => 1,
-            () if sentence.is(word, "next") && joined => 1,
-            () if sentence.is(word, "followed") && sentence.is(word + 1, "by") => 2,
-            () if sentence.is(word, "after") && sentence.any(word + 1, &["that", "this"]) => 2,
-            () if sentence.is(word, "before") && sentence.acts(word + 1) => 1,
-            () if sentence.is(word, "after") && sentence.acts(word + 1) => {
-                return Some([sentence.part(word + 1, all)?, sentence.part(0, word)?]);
-            }
-            () if sentence.mark(word, &[';', '.']) => 0,
-            () => continue,
-        };
+        let Some((said, swapped)) = sentence.order(word) else { continue };
         if word + said < all {
-            return Some([sentence.part(0, word)?, sentence.part(word + said, all)?]);
+            return sentence.parts(word, word + said, swapped);
         }
         // They stand at the end: "jump first, clap after that".
-        let begins = |&other: &usize| sentence.mark(other, &[',']) || sentence.is(other - 1, "and");
+        let begins = |&other: &usize| sentence.at(other).mark == Mark::Comma || sentence.is(other - 1, Kind::And);
         let other = (1..word).rev().find(begins)?;
         return Some([sentence.part(0, other)?, sentence.part(other, word)?]);
     }

@@ -280,7 +280,7 @@ fn config(random: &mut Stream) -> Config {
 }
 
 /// Pieces of prompts: words of the small models and of none, separators, and what is no ASCII.
-const PIECES: [&str; 20] = [
+const PIECES: [&str; 26] = [
     "a",
     "person",
     "waves",
@@ -301,6 +301,12 @@ const PIECES: [&str; 20] = [
     "<unknown>",
     "\u{1F600}",
     "wave",
+    "then",
+    "THEN",
+    "after",
+    "before running",
+    "afterwards",
+    ". ",
 ];
 
 pub(super) fn prompt(random: &mut Stream) -> String {
