@@ -126,6 +126,7 @@ const KINDS: [(&str, Kind); 32] = [
 ];
 
 impl Kind {
+    #[inline(never)]
     fn of(word: &[u8]) -> Self {
         let known = KINDS.iter().find(|(known, _)| known.as_bytes().eq_ignore_ascii_case(word));
         let doing = || word.last_chunk().is_some_and(|end: &[u8; 3]| end.eq_ignore_ascii_case(b"ing"));
@@ -191,6 +192,7 @@ impl<'p> Sentence<'p> {
         Some(Sentence { text, words })
     }
 
+    #[inline(never)]
     fn at(&self, index: usize) -> Place {
         self.words.get(index).copied().unwrap_or(NOWHERE)
     }
@@ -205,16 +207,17 @@ impl<'p> Sentence<'p> {
     }
 
     /// The text from one word up to another, without it and without an "and" before it; `None` when nothing is left.
+    #[inline(never)]
     fn part(&self, from: usize, to: usize) -> Option<&'p str> {
         let to = if to > from && self.is(to - 1, Kind::And) { to - 1 } else { to };
         let last = to.checked_sub(1).filter(|last| *last >= from)?;
         self.text.get(self.at(from).from.into()..self.at(last).to.into())
     }
 
-    /// Of this sentence the words up to the first number and those from the second on, in this order or the other.
-    fn parts(&self, to: usize, from: usize, swapped: bool) -> Option<[&'p str; 2]> {
-        let (first, second) = (self.part(0, to)?, self.part(from, self.words.len())?);
-        Some(if swapped { [second, first] } else { [first, second] })
+    /// The words from one up to another, twice; `None` when nothing is left of either.
+    #[inline(never)]
+    fn parts(&self, first: (usize, usize), second: (usize, usize)) -> Option<[&'p str; 2]> {
+        Some([self.part(first.0, first.1)?, self.part(second.0, second.1)?])
     }
 
     /// How many words say an order there, and whether what follows them is done first; `None` where none do.
@@ -241,18 +244,19 @@ fn cut(text: &str) -> Option<[&str; 2]> {
     if sentence.is(0, Kind::After) && !sentence.is(1, Kind::That) {
         let begins = |&word: &usize| sentence.at(word).mark == Mark::Comma || sentence.is(word, Kind::Subject);
         if let Some(word) = (2..all).find(begins) {
-            return Some([sentence.part(1, word)?, sentence.part(word, all)?]);
+            return sentence.parts((1, word), (word, all));
         }
     }
     for word in 1..all {
         let Some((said, swapped)) = sentence.order(word) else { continue };
         if word + said < all {
-            return sentence.parts(word, word + said, swapped);
+            let (first, second) = ((0, word), (word + said, all));
+            return if swapped { sentence.parts(second, first) } else { sentence.parts(first, second) };
         }
         // They stand at the end: "jump first, clap after that".
         let begins = |&other: &usize| sentence.at(other).mark == Mark::Comma || sentence.is(other - 1, Kind::And);
         let other = (1..word).rev().find(begins)?;
-        return Some([sentence.part(0, other)?, sentence.part(other, word)?]);
+        return sentence.parts((0, other), (other, word));
     }
     None
 }
