@@ -102,7 +102,7 @@ pub fn run(model: &Model<'_>, request: &Request<'_>, report: fn(&Progress)) -> R
             tokens: motion.tokens().to_vec(),
             steps: watch.steps,
             unknown_words: motion.unknown_words(),
-            understood: console::understood(&model, &motion),
+            understood: console::understood(model, &motion),
             unconditioned_anchors: motion.unconditioned_anchors(),
             refinement: motion.refinement,
             errors: watch.errors,

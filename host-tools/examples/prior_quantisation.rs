@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use motionette_host::checkpoint::{self, PriorCheckpoint, prior};
 use motionette_host::convert::prior::{Inputs, dequantised, inputs, quantise};
-use motionette_host::convert::{Options, PlannerBits, Rounding, calibration};
+use motionette_host::convert::{FourBits, Options, Rounding, calibration};
 use motionette_host::dataset::captioned::{self, CaptionedMotion};
 use motionette_host::dataset::{Dataset, Split};
 use motionette_host::reference::Prior;
@@ -47,7 +47,7 @@ fn main() -> Result<()> {
         ("planner 4-bit, error feedback + bias correction", Rounding::Feedback, true),
     ] {
         let options =
-            Options { rounding, bias_correction, ..Options { planner_bits: PlannerBits::FOUR, ..Options::default() } };
+            Options { rounding, bias_correction, ..Options { four_bits: FourBits::ALL, ..Options::default() } };
         let rounded = dequantised(&weights, &quantise(&weights, None, &options, &seen));
         report(name, &cases, &exact, &prior(&rounded))?;
     }

@@ -91,9 +91,11 @@ fn four_bits_are_for_the_planners_blocks_in_whole_groups() {
     let bytes = |blob: &str| std::fs::read(bench.path(&format!("{blob}.blob"))).expect("a blob");
     assert!(bytes("eight") == bytes("plain"), "8 bits are the default");
     assert_eq!(convert("--planner-bits 4 --rounding nearest", "four")["planner_bits"], 4);
-    let mixed = convert("--feed-forward-bits 4 --rounding nearest", "mixed");
-    assert_eq!((&mixed["planner_bits"], &mixed["feed_forward_bits"]), (&8.into(), &4.into()));
-    assert!(bytes("mixed").len() < bytes("plain").len());
+    let mixed = convert("--four-bits ffn.out,cross.q --rounding nearest", "mixed");
+    assert_eq!(mixed["planner_bits"], 8);
+    assert_eq!(list(&mixed["four_bits"]), ["cross.q", "ffn.out"]);
+    assert_eq!(bytes("mixed"), bytes("four"), "no other layer comes in whole groups here");
+    assert_eq!(convert("--four-bits cross.q --rounding nearest", "other")["bytes"], bytes("plain").len());
     // Both of version 4.0.
     assert_eq!((&bytes("plain")[4..8], &bytes("four")[4..8]), (&[4, 0, 0, 0][..], &[4, 0, 0, 0][..]));
     assert!(bytes("four").len() < bytes("plain").len());

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::{self, control, file_hash, prior};
-use motionette_host::convert::{self, CardText, Options, PlannerBits, PriorSource, bank, calibration};
+use motionette_host::convert::{self, CardText, FourBits, Options, PriorSource, bank, calibration};
 use motionette_host::dataset::{Dataset, Split, captioned};
 use motionette_host::import::{actions::Actions, packs};
 use motionette_host::reference::Prior;
@@ -35,7 +35,7 @@ fn weights(blob: &[u8]) -> String {
 }
 
 /// What the command in models/README.md writes, of that name, with words of so many tiers and such bits in the planner's blocks.
-fn converted(dataset: &Dataset, name: &str, tier: u8, planner_bits: PlannerBits) -> AlignedBlob {
+fn converted(dataset: &Dataset, name: &str, tier: u8, four_bits: FourBits) -> AlignedBlob {
     let paths = ["nano.safetensors", "nano.prior.safetensors", "nano.control.safetensors"].map(model);
     let [tokenizer, planner, anchors] = &paths;
     let tokenizer = checkpoint::load(tokenizer).expect("a tokenizer");
@@ -46,7 +46,7 @@ fn converted(dataset: &Dataset, name: &str, tier: u8, planner_bits: PlannerBits)
     let prompts = bank::read(&model("bank.txt")).expect("prompts");
     let bank = bank::encode(&planner, &prompts, false).expect("prompts of the vocabulary");
     let latents = calibration::from_dataset(&tokenizer, dataset).expect("train clips");
-    let options = Options { planner_bits, ..Options::default() };
+    let options = Options { four_bits, ..Options::default() };
     let cases = if options.calibrates_planner() {
         let reference = Prior::<f32>::new(&planner, &tokenizer);
         captioned::choose(&tokenizer, &reference, dataset, Split::Train, calibration::CASES, false).expect("captions")
@@ -72,7 +72,7 @@ fn the_shipped_checkpoints_give_the_shipped_blobs() {
     let request = packs::Request { folders: vec![first, second], actions, withdraw: Vec::new(), shortest: SHORTEST };
     let dataset = packs::import(&request, &|_, _| ()).expect("the packs").dataset;
     assert_eq!(dataset.hash, PACKS, "the features of the packs");
-    for (name, tier, bits) in [("nano", 1, PlannerBits::EIGHT), ("nano-pico2", 1, PlannerBits::FOUR)] {
+    for (name, tier, bits) in [("nano", 1, FourBits::NONE), ("nano-pico2", 1, FourBits::ALL)] {
         let made = converted(&dataset, name, tier, bits);
         let shipped = std::fs::read(model(&format!("{name}.blob"))).expect("the shipped blob");
         assert_eq!(weights(made.bytes()), weights(&shipped), "the weight section of {name}");

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use super::model::{CheckpointFiles, grouped};
 use super::{bar, capabilities, say};
 use crate::checkpoint::{PriorCheckpoint, control, prior};
-use crate::convert::{self, CardText, Options, PlannerBits, PriorSource, Rounding, bank, calibration, lift};
+use crate::convert::{self, CardText, FourBits, Options, PriorSource, Rounding, bank, calibration, lift};
 use crate::dataset::{Dataset, Split, captioned};
 use crate::output::write_atomic;
 use crate::reference::Prior;
@@ -69,9 +69,9 @@ pub(super) struct Cmd {
     #[arg(long, default_value_t = 8, value_parser = PossibleValuesParser::new(["4", "8"]).map(|b| if b == "4" { 4_u8 } else { 8 }),
         value_name = "BITS")]
     planner_bits: u8,
-    /// The same of the feed-forward layers alone; else as --planner-bits.
-    #[arg(long, value_parser = PossibleValuesParser::new(["4", "8"]).map(|b| if b == "4" { 4_u8 } else { 8 }), value_name = "BITS")]
-    feed_forward_bits: Option<u8>,
+    /// Layers of the planner's blocks that have four bits where the others keep eight.
+    #[arg(long, value_delimiter = ',', value_parser = PossibleValuesParser::new(FourBits::LAYERS), value_name = "LAYER")]
+    four_bits: Vec<String>,
     /// Words with vectors that are kept: those of captions and phrases (0), common ones too (1), all (2).
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(0..=2), value_name = "TIER", requires = "prior")]
     word_tier: u8,
@@ -127,14 +127,13 @@ impl Cmd {
             Way::Clipped => Rounding::Clipped,
             Way::Feedback => Rounding::Feedback,
         };
+        let all = if self.planner_bits == 4 { FourBits::ALL } else { FourBits::NONE };
+        let four_bits = self.four_bits.iter().try_fold(all, |layers, layer| layers.with(layer)).unwrap_or(all);
         let options = Options {
             rounding,
             refit: !self.no_refit,
             bias_correction: !self.no_bias_correction,
-            planner_bits: PlannerBits {
-                attention: self.planner_bits,
-                feed_forward: self.feed_forward_bits.unwrap_or(self.planner_bits),
-            },
+            four_bits,
             ..Options::default()
         };
         let dataset = self.calibration.as_ref().filter(|_| options.needs_calibration());
@@ -197,8 +196,8 @@ impl Cmd {
             "bank": bank.iter().map(|e| &e.name).collect::<Vec<_>>(),
             "control": control.as_ref().map(|c| &c.config.families),
             "calibration_sequences": latents.len(),
-            "planner_bits": prior.as_ref().map(|_| options.planner_bits.attention),
-            "feed_forward_bits": prior.as_ref().map(|_| options.planner_bits.feed_forward),
+            "planner_bits": prior.as_ref().map(|_| if options.four_bits == FourBits::ALL { 4 } else { 8 }),
+            "four_bits": prior.as_ref().map(|_| options.four_bits.names().collect::<Vec<_>>()),
             "name": card.name,
             "checkpoint": card.checkpoint,
         }))
@@ -240,7 +239,7 @@ impl Cmd {
             || self.files.given()
             || self.licence != UNKNOWN
             || self.planner_bits != 8
-            || self.feed_forward_bits.is_some()
+            || !self.four_bits.is_empty()
             || self.word_tier != 2
             || !matches!(self.rounding, Way::Feedback)
             || self.no_text_encoder

@@ -20,30 +20,40 @@ pub struct Options {
     pub bias_correction: bool,
     /// Ridge of the covariance, as a share of its mean diagonal.
     pub ridge: f64,
-    /// Bits of the weights in the planner's blocks. The text encoder, the planner's first and last linear, its tables and the
+    /// Layers of the planner's blocks whose weights have four bits. The text encoder, the planner's first and last linear, its tables and the
     /// anchor control keep 8; so do linears whose inputs do not come in whole groups of [`motionette::kernels::GROUP`].
-    pub planner_bits: PlannerBits,
+    pub four_bits: FourBits,
 }
 
-/// Bits of the weights in the planner's blocks, each 8 or 4.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PlannerBits {
-    /// Of attention to itself and to the text.
-    pub attention: u8,
-    /// Of the feed-forward layers.
-    pub feed_forward: u8,
-}
+/// Which layers of the planner's blocks have weights of four bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FourBits(u8);
 
-impl PlannerBits {
-    /// Eight everywhere.
-    pub const EIGHT: Self = Self { attention: 8, feed_forward: 8 };
-    /// Four everywhere.
-    pub const FOUR: Self = Self { attention: 4, feed_forward: 4 };
+impl FourBits {
+    /// Names of the layers, as a checkpoint has them behind the number of the block.
+    pub const LAYERS: [&str; 7] =
+        ["attention.qkv", "attention.out", "cross.q", "cross.kv", "cross.out", "ffn.in", "ffn.out"];
+    /// None.
+    pub const NONE: Self = Self(0);
+    /// All of them.
+    pub const ALL: Self = Self((1 << Self::LAYERS.len()) - 1);
 
-    /// Those of a linear of the blocks by its name.
+    /// The same with a layer of that name; `None` where no layer has it.
+    #[must_use]
+    pub fn with(self, name: &str) -> Option<Self> {
+        Self::LAYERS.iter().position(|layer| *layer == name).map(|place| Self(self.0 | 1 << place))
+    }
+
+    /// Their names.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Self::LAYERS.into_iter().enumerate().filter(move |(place, _)| self.0 >> place & 1 == 1).map(|(_, name)| name)
+    }
+
+    /// Bits of a linear of the planner by its name in a checkpoint.
     #[must_use]
     pub fn of(self, name: &str) -> u8 {
-        if name.contains(".ffn.") { self.feed_forward } else { self.attention }
+        let layer = name.strip_prefix("planner.layers.").and_then(|name| Some(name.split_once('.')?.1));
+        if layer.is_some_and(|layer| self.names().any(|name| name == layer)) { 4 } else { 8 }
     }
 }
 
@@ -54,7 +64,7 @@ impl Default for Options {
             refit: true,
             bias_correction: true,
             ridge: 0.03,
-            planner_bits: PlannerBits::EIGHT,
+            four_bits: FourBits::NONE,
         }
     }
 }
@@ -66,19 +76,19 @@ impl Options {
         refit: false,
         bias_correction: false,
         ridge: 0.0,
-        planner_bits: PlannerBits::EIGHT,
+        four_bits: FourBits::NONE,
     };
 
     /// Whether captioned motions are of use.
     #[must_use]
     pub fn calibrates_planner(&self) -> bool {
-        self.planner_bits != PlannerBits::EIGHT && self.needs_calibration()
+        self.four_bits != FourBits::NONE && self.needs_calibration()
     }
 
     /// Whether calibration data is of use.
     #[must_use]
     pub fn needs_calibration(&self) -> bool {
-        *self != Self { ridge: self.ridge, planner_bits: self.planner_bits, ..Self::PLAIN }
+        *self != Self { ridge: self.ridge, four_bits: self.four_bits, ..Self::PLAIN }
     }
 }
 

@@ -1,7 +1,7 @@
 //! From a checkpoint to a blob: quantisation, then the byte format.
 //!
 //! Weights become int8 with one scale per output channel. Two exceptions: the decoder's root rows become int16, because their errors add
-//! up over time, and the weights of the planner's blocks become 4-bit where [`Options::planner_bits`] says so.
+//! up over time, and the weights of the planner's blocks become 4-bit where [`Options::four_bits`] says so.
 //!
 //! Rounding to the nearest integer alone loses accuracy. Three methods win it back, each an option so that it can be measured against
 //! the others ([`Options`]): rounding with error feedback; refitting each layer to compensate for the error of the layers before it;
@@ -30,7 +30,7 @@ pub mod moments;
 pub mod prior;
 pub mod rounding;
 
-pub use conv1d::{Options, PlannerBits};
+pub use conv1d::{FourBits, Options};
 pub use error::Error;
 pub use rounding::Rounding;
 

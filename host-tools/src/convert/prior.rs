@@ -80,8 +80,7 @@ fn quantised(part: Part<'_>, options: &Options, inputs: &Inputs) -> QuantisedPar
     match part {
         Part::Linear(linear) => {
             let source = linear.as_convolution();
-            let narrow = linear.name.starts_with("planner.layers.") && linear.inputs.is_multiple_of(GROUP);
-            let bits = if narrow { options.planner_bits.of(&linear.name) } else { 8 };
+            let bits = if linear.inputs.is_multiple_of(GROUP) { options.four_bits.of(&linear.name) } else { 8 };
             QuantisedPart::Linear(if bits < 8 {
                 // What the layers before it lost is not known here.
                 let options = Options { refit: false, ..*options };

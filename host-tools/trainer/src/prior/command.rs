@@ -50,8 +50,9 @@ pub struct Args {
     #[arg(long, value_name = "FILE", conflicts_with = "words")]
     pub teacher: Option<PathBuf>,
     /// A prior whose weights, words, meanings and configuration the run begins with, instead of random ones. Its tokenizer may be another
-    /// with as many codes: tokens mean much the same where one tokenizer was trained on from the other.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["words", "teacher"])]
+    /// with as many codes: tokens mean much the same where one tokenizer was trained on from the other. With a teacher it is a student that
+    /// learns on.
+    #[arg(long, value_name = "FILE", conflicts_with = "words")]
     pub from: Option<PathBuf>,
     /// Configuration to begin with: nano, micro or tiny; with a teacher or another prior it is that one's.
     #[arg(long, default_value = "nano")]
@@ -68,10 +69,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     args.length.check()?;
     let path = args.teacher.as_deref().or(args.from.as_deref());
     let other = path.map(checkpoint::load).transpose()?;
-    let begin = match (&other, &args.from) {
-        (Some(from), Some(path)) => Config { begun_with: Some(file_hash(path)?), ..from.config.clone() },
-        (Some(teacher), None) => Config { begun_with: None, ..teacher.config.clone() },
-        (None, _) => Config::preset(&args.preset)?,
+    let student = args.from.as_deref().filter(|_| args.teacher.is_some()).map(checkpoint::load).transpose()?;
+    let begun_with = args.from.as_deref().map(file_hash).transpose()?;
+    let begin = match &other {
+        Some(other) => Config { begun_with, ..other.config.clone() },
+        None => Config::preset(&args.preset)?,
     };
     let config = args.options.configured(begin)?;
     let dataset = Dataset::load(&args.options.data)?;
@@ -103,6 +105,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ensure!(!own.guidance, "{} takes one pass already; give the prior that it was made from", path.display());
         sources.word_vectors = own.word_vectors;
         sources.word_tiers.clone_from(&own.word_tiers);
+        if let Some(student) = &student {
+            let of = |checkpoint: &checkpoint::Checkpoint| {
+                (checkpoint.config.architecture.clone(), checkpoint.sources.vocabulary.clone())
+            };
+            ensure!(of(student) == of(other), "the student has other sizes or words than its teacher");
+        }
         if args.teacher.is_some() {
             ensure!(own.tokenizer == sources.tokenizer, "{} plans the tokens of another tokenizer", path.display());
             sources.guidance = true;
@@ -115,8 +123,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
     }
     let state = args.options.state(&config, &sources, || {
-        Ok(match &other {
-            Some(other) => State::after(&config, sources.clone(), other),
+        Ok(match student.as_ref().or(other.as_ref()) {
+            Some(begin) => State::after(&config, sources.clone(), begin),
             None => State::begin(&config, sources.clone(), table.as_ref()),
         })
     })?;

@@ -99,6 +99,15 @@ fn guidance_is_distilled_into_one_pass() {
         table.weight[table.width..].iter().any(|w| *w != 0.0) && table.weight[..table.width].iter().all(|w| *w == 0.0)
     );
     testing::assert_refused(run(&args("--steps 3 --teacher @one.safetensors --out @two")), "one pass already");
+    // A student that learns on begins where it was.
+    let on = args(
+        "--steps 2 --from @one.safetensors --out @on --set schedule.learning_rate=1e-9 --set dropout=0 --log-every 1",
+    );
+    run(&on).unwrap();
+    let (was, is) = (checkpoint::load(&student.options.checkpoint()), checkpoint::load(&on.options.checkpoint()));
+    let (was, is) = (was.unwrap().parameters, is.unwrap().parameters);
+    let far = was.iter().zip(&is).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(far < 1e-6 && was != teacher.parameters, "{far}");
     testing::assert_refused(run(&args("--steps 3 --teacher @data.mds")), "offsets");
 }
 
