@@ -188,7 +188,7 @@ impl Cmd {
         let unseen = plan.is_some() && after.unconditioned_anchors > 0;
         let unconditioned_because = match unseen {
             true if self.unconditioned => Some("--unconditioned".to_owned()),
-            true => Some(blob.unconditioned_because(Some(&source.caption))?),
+            true => Some(blob.unconditioned_because(after.steps.len() > self.steps.into())?),
             false => None,
         };
         let report = Report::from(&Parts {

@@ -88,7 +88,8 @@ pub fn compare(
         prior = prior.controlled(&control, tokenizer.config.fps);
     }
     let model = blob.model()?;
-    let clauses = model.text().map_or(Clauses::whole(prompt), |text| text.clauses(prompt));
+    let whole = after.steps.len() <= usize::from(planning.steps);
+    let clauses = model.text().filter(|_| !whole).map_or(Clauses::whole(prompt), |text| text.clauses(prompt));
     let windows = windows(&clauses, &after.steps, usize::from(planning.steps));
     let codes = prior.planner.codes;
     let (mut same, mut positions) = (0, 0);

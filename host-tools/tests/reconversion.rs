@@ -72,7 +72,8 @@ fn the_shipped_checkpoints_give_the_shipped_blobs() {
     let request = packs::Request { folders: vec![first, second], actions, withdraw: Vec::new(), shortest: SHORTEST };
     let dataset = packs::import(&request, &|_, _| ()).expect("the packs").dataset;
     assert_eq!(dataset.hash, PACKS, "the features of the packs");
-    for (name, tier, bits) in [("nano", 1, FourBits::NONE), ("nano-pico2", 1, FourBits::ALL)] {
+    let queries = FourBits::NONE.with("cross.q").expect("a layer of the planner");
+    for (name, tier, bits) in [("nano", 1, queries), ("nano-pico2", 1, FourBits::ALL)] {
         let made = converted(&dataset, name, tier, bits);
         let shipped = std::fs::read(model(&format!("{name}.blob"))).expect("the shipped blob");
         assert_eq!(weights(made.bytes()), weights(&shipped), "the weight section of {name}");

@@ -181,3 +181,33 @@ fn anchors_of_several_clauses_only_refine() {
         assert_eq!((motion.frames().len(), motion.unconditioned_anchors()), (usize::from(frame) + 1, 1));
     });
 }
+
+/// A prompt that the model takes for one action, and for another one than each of its clauses, is planned as that: by what requests of their
+/// own say that was understood.
+#[test]
+fn one_action_is_not_parted() {
+    let tiny = tiny();
+    with(&tiny, |generator| {
+        let heard = |generator: &mut Generator<'_>, prompt: &str| {
+            let motion = generator.generate(&Request::text(prompt).steps(1).fixed(&WHOLE), &mut ()).unwrap();
+            motion.understood().filter(|understood| understood.sure).map(|understood| understood.action().phrase)
+        };
+        let words = ["a", "person", "waves", "run", "left", "hand"];
+        let mut seen = [0, 0];
+        for first in words {
+            for second in words {
+                let prompt = format!("{first} {second} then {second} {first} {first}");
+                let clauses = [format!("{first} {second}"), format!("{second} {first} {first}")];
+                let whole = heard(generator, &prompt);
+                let one = whole.is_some() && clauses.iter().all(|clause| heard(generator, clause) != whole);
+                let expected: &[u16] = if one { &[0, 1] } else { &[0, 1, 2, 3] };
+                assert_eq!(steps(generator, &Request::text(&prompt).steps(2)), expected, "{prompt}");
+                seen[usize::from(one)] += 1;
+            }
+        }
+        assert!(seen.iter().all(|count| *count > 0), "{seen:?}");
+    });
+}
+
+/// A given token leaves a prompt whole.
+const WHOLE: [Fixed; 1] = [Fixed { position: 0, token: 0 }];

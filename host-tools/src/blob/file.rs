@@ -132,19 +132,16 @@ impl BlobFile {
         read().map_err(|source| self.refused(source))
     }
 
-    /// Why the planner does not see some of the anchors of a request with such a text, in words for a person. The caller knows whether the
-    /// request itself asked for that.
+    /// Why the planner does not see some of the anchors of a request, in words for a person; `parted` says whether each clause of its prompt was
+    /// planned for itself. The caller knows whether the request itself asked for that.
     ///
     /// # Errors
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
-    pub fn unconditioned_because(&self, text: Option<&str>) -> Result<String, Error> {
+    pub fn unconditioned_because(&self, parted: bool) -> Result<String, Error> {
         let Some(&control) = self.parts()?.manifest.generator.control() else {
             return Ok("the blob has no anchor control; convert it with --control".to_owned());
         };
-        let model = self.model()?;
-        if let (Some(known), Some(text)) = (model.text(), text)
-            && known.clauses(text).len() > 1
-        {
+        if parted {
             return Ok("each clause of the prompt is planned for itself, and anchors belong to none".to_owned());
         }
         let unseen = Family::ALL.iter().filter(|family| control.families & family.bit() == 0);

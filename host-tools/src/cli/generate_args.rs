@@ -150,7 +150,8 @@ impl GenerateArgs {
         if let Some(understood) = &understood {
             say(&format!("understood as: {understood}"));
         }
-        let unconditioned = self.unconditioned(&blob, motion.unconditioned_anchors())?;
+        let unconditioned =
+            self.unconditioned(&blob, (motion.unconditioned_anchors(), motion.then().next().is_some()))?;
         if let Some((count, why)) = &unconditioned {
             say(&format!("note: the planner did not see {count} of the anchors: {why}"));
         }
@@ -207,15 +208,11 @@ impl GenerateArgs {
     }
 
     /// How many anchors the planner did not see, and why; `None` when it saw all of them.
-    fn unconditioned(&self, blob: &BlobFile, count: u16) -> Result<Option<(u16, String)>> {
+    fn unconditioned(&self, blob: &BlobFile, (count, parted): (u16, bool)) -> Result<Option<(u16, String)>> {
         if count == 0 {
             return Ok(None);
         }
-        let why = if self.unconditioned {
-            "--unconditioned".to_owned()
-        } else {
-            blob.unconditioned_because(self.text.as_deref())?
-        };
+        let why = if self.unconditioned { "--unconditioned".to_owned() } else { blob.unconditioned_because(parted)? };
         Ok(Some((count, why)))
     }
 

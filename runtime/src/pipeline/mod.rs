@@ -41,7 +41,7 @@ use decode_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
 use plan_tokens::{Planned, PlanningTask, plan_tokens};
-use sequence::{Then, plan_clauses};
+use sequence::{Then, is_one_action, plan_clauses};
 
 /// A finished motion, in the generator's arena.
 #[derive(Debug, Clone, Copy)]
@@ -187,7 +187,7 @@ impl<'a> Generator<'a> {
             limits.anchors = anchors.len();
         }
         if let Some(planning) = &mut limits.planning {
-            planning.anchors = request.planning.conditioned && planning.clauses == 1 && self.seen(anchors);
+            planning.anchors = request.planning.conditioned && self.seen(anchors);
         }
         Ok(limits)
     }
@@ -265,7 +265,7 @@ impl<'a> Generator<'a> {
         let mut peak = 0;
         let mut unconditioned = anchors.len() as u16;
         let heard = PromptStats::default();
-        let mut made = Planned { tokens: limits.tokens, heard, then: Then::default() };
+        let mut made = Planned { tokens: limits.tokens, heard, then: Then::default(), parted: false };
         if let (Source::Text(prompt), Some(planning), Some(modules)) =
             (request.source, &limits.planning, model.planning())
         {
@@ -283,13 +283,15 @@ impl<'a> Generator<'a> {
                 anchors: Some(&anchors).filter(|_| planning.anchors),
             };
             (made, peak) = match sequence::clauses(modules.text, &prompt, &request.planning) {
-                Some(clauses) => plan_clauses(modules, task, &clauses, &mut overlay, tokens, observer)?,
-                None => {
+                Some(clauses) if !is_one_action(modules, &task, &clauses, &mut overlay.overlay(), observer)? => {
+                    plan_clauses(modules, task, &clauses, &mut overlay, tokens, observer)?
+                }
+                _ => {
                     let made = plan_tokens(modules, task, &mut overlay, tokens, observer)?;
                     (made, overlay.used())
                 }
             };
-            if let (true, Some(control)) = (planning.anchors, model.control()) {
+            if let (true, Some(control)) = (planning.anchors && !made.parted, model.control()) {
                 unconditioned = anchors.iter().filter(|anchor| !control.sees(anchor.family)).count() as u16;
             }
             log::debug!("planned {} tokens", made.tokens);

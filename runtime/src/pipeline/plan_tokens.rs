@@ -21,6 +21,8 @@ pub(super) struct Planned {
     pub heard: PromptStats,
     /// Of the others.
     pub then: Then,
+    /// Each clause of the prompt was planned for itself.
+    pub parted: bool,
 }
 
 /// Asks the observer, and puts [`Stop::Finish`] off until there are proposals to finish with.
@@ -127,5 +129,5 @@ pub(super) fn plan_tokens(
             break;
         }
     }
-    Ok(Planned { tokens: count, heard, then: Then::default() })
+    Ok(Planned { tokens: count, heard, then: Then::default(), parted: false })
 }

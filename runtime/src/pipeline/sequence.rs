@@ -1,16 +1,17 @@
 //! A prompt of several clauses: each is planned as a segment of a stream would be, behind the last tokens of the one before.
 
 use super::error::Error;
-use super::observer::Observer;
+use super::observer::{Observer, Stage, Watch};
 use super::plan_tokens::{Planned, PlanningTask, plan_tokens};
 use super::stream::SEED_STEP;
 use crate::generation::tokens::session::Modules;
-use crate::generation::tokens::{CONTEXT, Fixed, Length, Planning};
+use crate::generation::tokens::{CONTEXT, Fixed, Length, Planning, Session};
 use crate::memory::Arena;
 use crate::request::prompt::{Prompt, PromptStats};
 use crate::text::Text;
 use crate::text::clauses::{Clauses, MAX_CLAUSES};
 use crate::text::meaning::Understood;
+use core::ops::ControlFlow;
 use heapless::Vec;
 
 /// What was understood of the clauses behind the first.
@@ -18,9 +19,39 @@ pub(super) type Then = [Option<Understood>; MAX_CLAUSES - 1];
 
 /// The clauses in which a request's prompt is planned; `None` for those of one.
 pub(super) fn clauses<'p>(text: &Text<'_>, prompt: &Prompt<'p>, planning: &Planning<'_>) -> Option<Clauses<'p>> {
+    if !cfg!(feature = "text") {
+        return None;
+    }
     let Prompt::Text(prompt) = *prompt else { return None };
     // Given tokens may stand anywhere in the motion, and belong to no clause.
     Some(text.clauses(prompt)).filter(|clauses| clauses.len() > 1 && planning.fixed.is_empty())
+}
+
+/// Whether the model knows one action for all that a prompt asks for ("walks ahead and then turns left"): it is sure of one that it finds in
+/// none of the clauses. Such a prompt is not parted.
+#[inline(never)]
+pub(super) fn is_one_action(
+    modules: Modules<'_, '_>,
+    task: &PlanningTask<'_>,
+    clauses: &Clauses<'_>,
+    arena: &mut Arena<'_>,
+    observer: &mut dyn Observer,
+) -> Result<bool, Error> {
+    let mut session = Session::new(modules, arena, task.capacity, task.limits, task.rows).map_err(Error::Arena)?;
+    let mut watch = Watch { observer, stage: Stage::Reading, evaluation: 1, evaluations: 1 };
+    let mut action = |prompt: &Prompt<'_>| match session.read(prompt, &mut || watch.ask_at_the_end())? {
+        ControlFlow::Continue(heard) => {
+            Ok(heard.understood.filter(|heard| heard.sure).map(|heard| heard.action().phrase))
+        }
+        ControlFlow::Break(_) => Err(Error::Aborted),
+    };
+    let Some(whole) = action(task.prompt)? else { return Ok(false) };
+    for clause in clauses.iter() {
+        if action(&Prompt::Text(clause))? == Some(whole) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// Plans `clauses` one behind the other into `tokens`, which has room for the longest motion there may be.
@@ -67,6 +98,7 @@ pub(super) fn plan_clauses(
             shortest: if last { task.shortest.saturating_sub(begin) } else { context + 1 },
             context,
             clause: (k as u16, count as u16),
+            anchors: None,
             ..task
         };
         let mut overlay = arena.overlay();
@@ -80,5 +112,5 @@ pub(super) fn plan_clauses(
             Some(then) => *then = planned.heard.understood,
         }
     }
-    Ok((Planned { tokens: known, heard, then }, used))
+    Ok((Planned { tokens: known, heard, then, parted: true }, used))
 }

@@ -239,7 +239,8 @@ impl<'m, 'b> Modules<'m, 'b> {
         let more = limits.clauses.saturating_sub(1);
         // The work grows faster than the motion: parts of it, each behind its context, take less than all of them at once.
         let parts = self.macs_of(tokens + more * CONTEXT, limits);
-        if more == 0 { parts } else { parts + more as u64 * self.macs_of(1, limits) }
+        // The whole is read first, each clause twice.
+        if more == 0 { parts } else { parts + (2 * more + 2) as u64 * self.macs_of(1, limits) }
     }
 
     /// The same of one clause.
