@@ -87,7 +87,8 @@ impl<'m> Planner<'m> {
     /// # Errors
     /// When the model knows none of its words.
     pub fn new(modules: Modules<'m, 'm>, tokens: usize) -> Result<Self> {
-        let limits = PlanningLimits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false, clauses: 1 };
+        let limits =
+            PlanningLimits { words: PROMPT.split(' ').count(), steps: STEPS, guided: true, anchors: false, clauses: 1 };
         let mut arena = Arena::new(memory(modules.bytes(tokens, &limits, MOST_ROWS).all()));
         let mut session = Session::new(modules, &mut arena, tokens, &limits, MOST_ROWS)?;
         let read = session.read(&Prompt::Text(PROMPT), &mut || ControlFlow::Continue(()))?;

@@ -473,7 +473,7 @@ fn what_was_understood_is_what_the_rust_library_says() {
     let second = mtn_understood { style: guess(1, 0.7), ..first };
     let both = mtn_motion { understood: first, then: [second, mtn_understood::NOTHING], ..motion };
     let words = |understood: mtn_understood| generator.model().in_words(understood.understood().unwrap()).to_string();
-    let expected = format!("{}, then {}", words(first), words(second));
+    let expected = std::format!("{}, then {}", words(first), words(second));
     for bytes in [1, words(first).len() + 1, words(first).len() + 5, expected.len(), 256] {
         assert_eq!(in_words(&mut bench, &both, bytes).unwrap(), expected[..expected.len().min(bytes - 1)]);
     }

@@ -45,7 +45,8 @@ pub fn serve(
 ) -> Result<u64, Refused> {
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
-    let planning = black_box(Some(PlanningLimits { words: text.len(), steps: 5, guided: true, anchors: true, clauses: 1 }));
+    let planning =
+        black_box(Some(PlanningLimits { words: text.len(), steps: 5, guided: true, anchors: true, clauses: 1 }));
     let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), refinement, planning, rows: ROWS };
     let _ = black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
