@@ -6,9 +6,9 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`limbs`] | limbs of two bones whose end or middle is put somewhere |
-//! | [`stances`] | when feet stand, and what happens in between |
-//! | [`strain`] | how far an edit takes a motion |
+//! | [`mod@limbs`] | limbs of two bones whose end or middle is put somewhere |
+//! | [`mod@stances`] | when feet stand, and what happens in between |
+//! | [`mod@strain`] | how far an edit takes a motion |
 
 pub mod limbs;
 pub mod stances;
