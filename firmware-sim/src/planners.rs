@@ -4,7 +4,7 @@ use crate::default_model;
 use crate::session::Outcome;
 use crate::viewer::ShownWord;
 use anyhow::Context;
-use motionette::generation::tokens::{CONTEXT, Planning};
+use motionette::generation::tokens::{CONTEXT, Planning, SEED_STEP};
 use motionette::numerics::hash::Stream;
 use motionette::text::words::{UNKNOWN, Words};
 use motionette::{Anchor, Clauses, Model};
@@ -15,9 +15,6 @@ use motionette_host::reference::Prior;
 use motionette_host::reference::bridge::reference_anchor;
 use motionette_host::verify::planner;
 use std::path::Path;
-
-/// Between the seeds of neighbouring clauses.
-const SEED_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// A prompt as the model read it, and how the planner compares with the reference.
 pub struct Compared {

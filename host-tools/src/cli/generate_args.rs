@@ -150,8 +150,7 @@ impl GenerateArgs {
         if let Some(understood) = &understood {
             say(&format!("understood as: {understood}"));
         }
-        let unconditioned =
-            self.unconditioned(&blob, (motion.unconditioned_anchors(), motion.then().next().is_some()))?;
+        let unconditioned = self.unconditioned(&blob, (motion.unconditioned_anchors(), motion.parted()))?;
         if let Some((count, why)) = &unconditioned {
             say(&format!("note: the planner did not see {count} of the anchors: {why}"));
         }

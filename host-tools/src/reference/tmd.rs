@@ -9,7 +9,7 @@
 use motionette::numerics::hash::Stream;
 
 use super::real::Real;
-use super::transformer::softmax;
+use super::transformer::{first_largest, softmax};
 
 /// When the steps of sampling happen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -210,13 +210,13 @@ fn choose<T: Real>(weights: &[T], u: f32) -> Option<usize> {
 /// A clean token from logits.
 fn propose<T: Real>(logits: &[T], sampling: Sampling, stream: &mut Stream) -> u16 {
     match sampling {
-        Sampling::Greedy => first_largest(logits),
+        Sampling::Greedy => first_largest(logits) as u16,
         Sampling::Gumbel { temperature } => {
             let noisy: Vec<T> = logits
                 .iter()
                 .map(|&l| l - T::from_f32(temperature) * (-T::from_f32(stream.unit()).ln()).ln())
                 .collect();
-            first_largest(&noisy)
+            first_largest(&noisy) as u16
         }
         Sampling::Sample { temperature, top_k, top_p } => {
             let mut p: Vec<T> = logits.iter().map(|&l| l / T::from_f32(temperature)).collect();
@@ -248,14 +248,4 @@ fn keep<T: Real>(p: &mut [T], count: impl FnOnce(&[T]) -> usize) {
     p.iter_mut().filter(|p| **p < least).for_each(|p| *p = T::ZERO);
     let sum = p.iter().fold(T::ZERO, |s, &p| s + p);
     p.iter_mut().for_each(|p| *p = *p / sum);
-}
-
-fn first_largest<T: Real>(values: &[T]) -> u16 {
-    let mut best = 0;
-    for (i, &v) in values.iter().enumerate() {
-        if v > values[best] {
-            best = i;
-        }
-    }
-    best as u16
 }

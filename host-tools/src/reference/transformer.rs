@@ -226,6 +226,17 @@ pub(super) fn softmax<T: Real>(x: &mut [T]) {
     x.iter_mut().for_each(|v| *v = *v / sum);
 }
 
+/// Place of the largest number, the first of equals; 0 without numbers.
+pub fn first_largest<T: Real>(values: &[T]) -> usize {
+    let mut best = 0;
+    for (place, value) in values.iter().enumerate() {
+        if *value > values[best] {
+            best = place;
+        }
+    }
+    best
+}
+
 pub(super) fn add<T: Real>(to: &mut [T], from: &[T]) {
     to.iter_mut().zip(from).for_each(|(to, &from)| *to += from);
 }

@@ -22,6 +22,7 @@ use crate::dataset::captioned::{CaptionedMotion, Place};
 use crate::reference::Prior;
 use crate::reference::bridge::runtime_anchors;
 use crate::reference::tmd::Settings;
+pub use crate::reference::transformer::first_largest as most_probable;
 
 /// Times at which planners are compared.
 pub const TIMES: [f64; 3] = [0.25, 0.5, 0.75];
@@ -197,13 +198,6 @@ pub fn free_running<E: Send>(
     });
     let same: usize = same.into_iter().sum::<Result<usize, E>>()?;
     Ok(same as f64 / cases.iter().map(|c| c.tokens.len()).sum::<usize>().max(1) as f64)
-}
-
-/// Place of the largest logit, the first of equals.
-#[must_use]
-pub fn most_probable(logits: &[f32]) -> usize {
-    let better = |best: (usize, f32), (i, &v): (usize, &f32)| if v > best.1 { (i, v) } else { best };
-    logits.iter().enumerate().fold((0, f32::NEG_INFINITY), better).0
 }
 
 /// `sum_i p_i (ln p_i - ln q_i)` of the softmaxes of two rows of logits.

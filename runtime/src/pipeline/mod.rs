@@ -51,6 +51,7 @@ pub struct Motion<'a> {
     tokens: &'a [u16],
     heard: PromptStats,
     then: Then,
+    parted: bool,
     unconditioned: u16,
     frame_rate: u16,
     /// What the refinement onto anchors did; `None` without one.
@@ -107,6 +108,12 @@ impl<'a> Motion<'a> {
     /// What its further clauses were understood as, in the order in which they are done ([`crate::Clauses`]).
     pub fn then(&self) -> impl Iterator<Item = Understood> + '_ {
         self.then.iter().copied().flatten()
+    }
+
+    /// Whether each clause of the prompt was planned for itself.
+    #[must_use]
+    pub const fn parted(&self) -> bool {
+        self.parted
     }
 
     /// Distinct anchors of the request that the planner did not see: those of families it was not trained for, or all of them,
@@ -364,9 +371,9 @@ impl<'a> Generator<'a> {
         }
         let arena_used = if peak > arena.used() { peak } else { arena.used() };
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
-        let Planned { heard, then, .. } = made;
+        let Planned { heard, then, parted, .. } = made;
         let frame_rate = model.frame_rate();
-        Ok(Motion { joints, u, tokens, heard, then, unconditioned, frame_rate, refinement, arena_used })
+        Ok(Motion { joints, u, tokens, heard, then, parted, unconditioned, frame_rate, refinement, arena_used })
     }
 
     /// Runs the blob's self-test: decodes its token sequence, as a stream so that it needs less memory than a motion of that length, and

@@ -3,9 +3,8 @@
 use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
 use super::plan_tokens::{Planned, PlanningTask, plan_tokens};
-use super::stream::SEED_STEP;
 use crate::generation::tokens::session::Modules;
-use crate::generation::tokens::{CONTEXT, Fixed, Length, Planning, Session};
+use crate::generation::tokens::{CONTEXT, Fixed, Length, Planning, SEED_STEP, Session};
 use crate::memory::Arena;
 use crate::request::prompt::{Prompt, PromptStats};
 use crate::text::Text;

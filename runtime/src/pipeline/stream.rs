@@ -7,7 +7,7 @@ use crate::JOINTS;
 use crate::codec::codebook::Codebooks;
 use crate::codec::vq::stream::{self, CHUNK};
 use crate::generation::tokens::session::Modules;
-use crate::generation::tokens::{self as planning, Fixed, Length, Planning, PlanningError};
+use crate::generation::tokens::{self as planning, Fixed, Length, Planning, PlanningError, SEED_STEP};
 use crate::log;
 use crate::memory::{Arena, ArenaTooSmall, bytes_of};
 use crate::model::{MAX_TOKENS, Model};
@@ -199,9 +199,6 @@ impl<'a> Generator<'a> {
         })
     }
 }
-
-/// Distance of the seeds of neighbouring segments: 2^64 over the golden ratio, odd.
-pub(super) const SEED_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 
 impl MotionStream<'_, '_> {
     /// Has another body move from the next frame on; best said before the first.

@@ -54,17 +54,6 @@ pub fn probability<T: Real>(logits: &[T], class: usize) -> T {
     all[class]
 }
 
-/// The class of the largest logit, the first of equals.
-pub fn most_probable<T: Real>(logits: &[T]) -> usize {
-    let mut best = 0;
-    for (class, value) in logits.iter().enumerate() {
-        if *value > logits[best] {
-            best = class;
-        }
-    }
-    best
-}
-
 /// `unconditional + (conditional - unconditional) scale`.
 pub fn guided<T: Real>(conditional: &[T], unconditional: &[T], scale: f64) -> Vec<T> {
     let scale = T::from_f64(scale);

@@ -35,5 +35,5 @@ pub use request::{Fixed, Planning, PlanningError};
 pub use sampler::{Sampler, TokenSampler};
 pub use sampling::{Sampling, SamplingError};
 pub use schedule::Schedule;
-pub use session::{CONTEXT, PlanningBytes, PlanningLimits, Session};
+pub use session::{CONTEXT, PlanningBytes, PlanningLimits, SEED_STEP, Session};
 pub use transformer::Planner;

@@ -35,6 +35,8 @@ macro_rules! worked_in {
 
 /// Tokens of a motion that the planner sees in front of the next clause of its prompt.
 pub const CONTEXT: usize = 8;
+/// Distance of the seeds of neighbouring segments or clauses: 2^64 over the golden ratio, odd.
+pub const SEED_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// The largest plan that is to be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
