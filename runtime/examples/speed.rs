@@ -93,7 +93,7 @@ fn planner(model: &Model<'_>, rows: usize) -> Result<(), Box<dyn Error>> {
     });
     let macs = modules.planner.pass_macs(tokens, 0, limits.words);
     report(&format!("planner pass, {rows} rows at a time"), seconds, macs, session.logits(tokens - 1));
-    let seconds = fastest(|| session.advance(&planning, Some((0.5, 0.6)), &mut stream, &mut ids));
+    let seconds = fastest(|| session.advance(&planning, Some(2), &mut stream, &mut ids));
     let drawn: Vec<f32> = ids.iter().map(|&id| f32::from(id)).collect();
     let macs = tokens as u64 * modules.planner.logits_macs();
     report("logits, proposals, step", seconds, macs, &drawn);

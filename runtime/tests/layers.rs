@@ -262,10 +262,13 @@ struct Stored {
     key_scales: Vec<f32>,
     values: Vec<i8>,
     value_scales: Vec<f32>,
+    /// Low planes; empty where numbers have 8 bits.
+    low_keys: Vec<i8>,
+    low_values: Vec<i8>,
 }
 
 impl Stored {
-    fn new(heads: Heads, rows: usize, random: &mut Random) -> Self {
+    fn new(heads: Heads, rows: usize, wide: bool, random: &mut Random) -> Self {
         let width = heads.count * heads.width;
         let mut s = Stored {
             rows,
@@ -273,6 +276,8 @@ impl Stored {
             key_scales: vec![0.0; rows * heads.count],
             values: vec![0; rows * width],
             value_scales: vec![0.0; rows * heads.count],
+            low_keys: vec![0; if wide { rows * width } else { 0 }],
+            low_values: vec![0; if wide { rows * width } else { 0 }],
         };
         let mut segment = SegmentMut {
             rows,
@@ -280,17 +285,24 @@ impl Stored {
             key_scales: &mut s.key_scales,
             values: &mut s.values,
             value_scales: &mut s.value_scales,
+            low: (&mut s.low_keys, &mut s.low_values),
         };
         for row in 0..rows {
             let (key, value) = (random.f32s(width), random.f32s(width));
             let key: Vec<f32> = key.iter().map(|k| 3.0 * k).collect();
             segment.put_key(heads, row, &key);
             segment.put_value(heads, row, &value);
-            // What was put comes back, to half a step of 127 a head.
+            // What was put comes back, to half a step of 127, or 32512, a head.
             for (c, want) in key.iter().enumerate() {
-                let at = c / heads.width * rows + row;
-                let got = f32::from(segment.keys[at * heads.width + c % heads.width]) * segment.key_scales[at];
-                assert!((got - want).abs() <= 3.0 / 253.0, "{got} instead of {want}");
+                let (at, place) = (c / heads.width * rows + row, c % heads.width);
+                let high = f32::from(segment.keys[at * heads.width + place]);
+                let number = match wide {
+                    true => 256.0 * high + f32::from(segment.low.0[at * heads.width + place]),
+                    false => high,
+                };
+                let got = number * segment.key_scales[at];
+                let allowed = if wide { 3.0 / 65_000.0 } else { 3.0 / 253.0 };
+                assert!((got - want).abs() <= allowed, "{got} instead of {want}");
             }
         }
         s
@@ -303,12 +315,20 @@ impl Stored {
             key_scales: &self.key_scales,
             values: &self.values,
             value_scales: &self.value_scales,
+            room: self.rows,
+            low: (&self.low_keys, &self.low_values),
         }
     }
 
-    fn number(heads: Heads, q: &[i8], scales: &[f32], rows: usize, row: usize, head: usize, c: usize) -> f64 {
-        let at = head * rows + row;
-        f64::from(q[at * heads.width + c]) * f64::from(scales[at])
+    fn number(&self, heads: Heads, value: bool, row: usize, head: usize, c: usize) -> f64 {
+        let (high, low, scales) = match value {
+            true => (&self.values, &self.low_values, &self.value_scales),
+            false => (&self.keys, &self.low_keys, &self.key_scales),
+        };
+        let at = head * self.rows + row;
+        let high = f64::from(high[at * heads.width + c]);
+        let number = low.get(at * heads.width + c).map_or(high, |low| 256.0 * high + f64::from(*low));
+        number * f64::from(scales[at])
     }
 }
 
@@ -321,10 +341,10 @@ fn expected(heads: Heads, q: &[f32], segments: &[&Stored]) -> Vec<f64> {
             let (mut scores, mut values) = (Vec::new(), Vec::new());
             for s in segments {
                 for row in 0..s.rows {
-                    let key = |c| Stored::number(heads, &s.keys, &s.key_scales, s.rows, row, head, c);
+                    let key = |c| s.number(heads, false, row, head, c);
                     let dot: f64 = (0..heads.width).map(|c| f64::from(q[head * heads.width + c]) * key(c)).sum();
                     scores.push((dot / (heads.width as f64).sqrt()).exp());
-                    let value = |c| Stored::number(heads, &s.values, &s.value_scales, s.rows, row, head, c);
+                    let value = |c| s.number(heads, true, row, head, c);
                     values.push((0..heads.width).map(value).collect::<Vec<_>>());
                 }
             }
@@ -339,16 +359,18 @@ fn expected(heads: Heads, q: &[f32], segments: &[&Stored]) -> Vec<f64> {
 
 #[test]
 fn attention_averages_values_by_softmax_over_all_segments() {
-    for (heads, own, extra, rows) in [
-        (Heads { count: 1, width: 4 }, 1usize, 0usize, 1usize),
-        (Heads { count: 3, width: 5 }, 7, 0, 4),
-        (Heads { count: 2, width: 8 }, 50, 11, 3),
-        (Heads { count: 4, width: 32 }, 13, 1, 4),
+    for (heads, own, extra, rows, wide) in [
+        (Heads { count: 1, width: 4 }, 1usize, 0usize, 1usize, false),
+        (Heads { count: 3, width: 5 }, 7, 0, 4, false),
+        (Heads { count: 2, width: 8 }, 50, 11, 3, false),
+        (Heads { count: 4, width: 32 }, 13, 1, 4, false),
+        (Heads { count: 3, width: 5 }, 7, 0, 4, true),
+        (Heads { count: 2, width: 24 }, 50, 11, 3, true),
     ] {
         let mut random = Random(Stream::new((own * 31 + rows) as u64));
         let width = heads.count * heads.width;
-        let first = Stored::new(heads, own, &mut random);
-        let second = Stored::new(heads, extra, &mut random);
+        let first = Stored::new(heads, own, wide, &mut random);
+        let second = Stored::new(heads, extra, wide, &mut random);
         let q = random.f32s(rows * width);
         let keys = own + extra;
         let (mut hq, mut scales) = (vec![0; MOST_ROWS * heads.width], vec![0.0; MOST_ROWS]);

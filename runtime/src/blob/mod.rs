@@ -24,9 +24,10 @@ pub use manifest::{Card, SelfTest, Skeleton};
 // What the host tools write blobs with.
 #[doc(hidden)]
 pub use manifest::{
-    Codec, ControlConfig, DecoderConfig, Generator, Guidance, HumanMl3d, MAX_BANK, MAX_BLOCKS, MAX_CONVOLUTIONS,
-    MAX_STAGES, MAX_VOCABULARY, Manifest, PhraseBank, PlannerConfig, Representation, SELF_TEST_NUMBERS, SKELETON_BYTES,
-    TextConfig, TextEncoderConfig, TextLength, TextTable,
+    Codec, ControlConfig, DecoderConfig, Generator, Guidance, HeadConfig, HumanMl3d, MAX_BANK, MAX_BLOCKS,
+    MAX_CONVOLUTIONS, MAX_STAGES, MAX_VOCABULARY, Manifest, PhraseBank, PlannerConfig, PrefixConfig, Representation,
+    ResidualConfig, SELF_TEST_NUMBERS, SKELETON_BYTES, TextConfig, TextEncoderConfig, TextEncoding, TextLength,
+    TextTable,
 };
 #[doc(hidden)]
 pub use tensors::{Tensor, Tensors};

@@ -183,6 +183,9 @@ impl<'a> Tensor<'a> {
     /// # Errors
     /// [`Error::TensorShape`] or [`Error::TensorValue`].
     pub fn bytes(&self, shape: [u16; 3]) -> Result<&'a [i8], Error> {
+        if !cfg!(feature = "wide-layers") && self.entry.dtype == DType::I16Planes {
+            return Err(Error::NotLinked { feature: "wide-layers" });
+        }
         self.shaped(DType::I8, shape)?;
         let values = self.cast::<i8>()?;
         self.refuse(values, |v| v == i8::MIN)?;

@@ -15,17 +15,23 @@ pub struct CargoFeature {
 
 /// All of them, as a blob of this manifest needs them.
 #[must_use]
-pub fn cargo_features(manifest: &Manifest<'_>) -> [CargoFeature; 4] {
+pub fn cargo_features(manifest: &Manifest<'_>) -> [CargoFeature; 7] {
     let Codec::Vq(_) = &manifest.codec;
-    let planner = match &manifest.generator {
-        Generator::Tmd(planner) => Some(planner),
-        Generator::Given { .. } => None,
-    };
+    let (planner, prefix) = (manifest.generator.planner(), manifest.generator.prefix());
     let control = planner.is_some_and(|planner| planner.control.is_some());
-    let encoder = manifest.text.as_ref().is_some_and(|text| text.encoder.is_some());
+    let residual = prefix.is_some_and(|planner| planner.residual.is_some());
+    let encoder = manifest.text.as_ref().is_some_and(|text| text.encoder.words().is_some());
+    let (masked, turns) = match &manifest.generator {
+        Generator::Masked(_) => (true, false),
+        Generator::Autoregressive(_) => (false, true),
+        Generator::Given { .. } | Generator::Tmd(_) => (false, false),
+    };
     [
         CargoFeature { name: "vq", needed: true, linked: cfg!(feature = "vq") },
         CargoFeature { name: "tmd", needed: planner.is_some(), linked: cfg!(feature = "tmd") },
+        CargoFeature { name: "masked", needed: masked, linked: cfg!(feature = "masked") },
+        CargoFeature { name: "autoregressive", needed: turns, linked: cfg!(feature = "autoregressive") },
+        CargoFeature { name: "residual", needed: residual, linked: cfg!(feature = "residual") },
         CargoFeature { name: "anchor-control", needed: control, linked: cfg!(feature = "anchor-control") },
         CargoFeature { name: "text", needed: encoder, linked: cfg!(feature = "text") },
     ]
@@ -33,7 +39,9 @@ pub fn cargo_features(manifest: &Manifest<'_>) -> [CargoFeature; 4] {
 
 /// Refuses a blob that needs a family which is not linked.
 pub(super) fn check(manifest: &Manifest<'_>) -> Result<(), Error> {
-    match cargo_features(manifest).into_iter().find(|feature| feature.needed && !feature.linked) {
+    // Those of other planners were refused where they were read.
+    let [vq, tmd, .., control, text] = cargo_features(manifest);
+    match [vq, tmd, control, text].into_iter().find(|feature| feature.needed && !feature.linked) {
         None => Ok(()),
         Some(CargoFeature { name, .. }) => Err(Error::NotLinked { feature: name }),
     }

@@ -18,8 +18,10 @@ use crate::blob::{
 use crate::codec::codebook::Codebooks;
 use crate::codec::vq::decoder::Decoder;
 use crate::conditioning::scaffold_encoder::Timing;
+#[cfg(feature = "residual")]
+use crate::generation::tokens::residual::Residual;
 use crate::generation::tokens::session::Modules;
-use crate::generation::tokens::{AnchorControl, Planner};
+use crate::generation::tokens::{AnchorControl, Planner, Planning};
 use crate::representation::humanml3d::Recovery;
 use crate::text::Text;
 use crate::text::meaning::{Guess, Understood};
@@ -33,6 +35,8 @@ pub const MAX_MAGNITUDE: f32 = 1e28;
 pub const EMBEDDING_MARGIN: f32 = 8.0;
 /// Largest magnitude of the feature statistics.
 const MAX_STATISTIC: f32 = 1e3;
+/// Whether this build knows planners.
+const PLANNERS: bool = cfg!(any(feature = "tmd", feature = "masked", feature = "autoregressive"));
 /// Longest motion any blob may declare, tokens.
 pub const MAX_TOKENS: u16 = 256;
 
@@ -52,6 +56,8 @@ pub struct Model<'a> {
     text: Option<Text<'a>>,
     planner: Option<Planner<'a>>,
     control: Option<AnchorControl<'a>>,
+    #[cfg(feature = "residual")]
+    residual: Option<Residual<'a>>,
 }
 
 impl<'a> Model<'a> {
@@ -107,6 +113,29 @@ impl<'a> Model<'a> {
             }
             planner = Some(opened);
         }
+        #[cfg(any(feature = "masked", feature = "autoregressive"))]
+        if let Some(text) = &text {
+            let opened = match &manifest.generator {
+                #[cfg(feature = "masked")]
+                Generator::Masked(config) => {
+                    Some(Planner::open_masked(&mut tensors, config, text, codebooks.codes() as u16)?)
+                }
+                #[cfg(feature = "autoregressive")]
+                Generator::Autoregressive(config) => {
+                    Some(Planner::open_in_turn(&mut tensors, config, text, codebooks.codes() as u16)?)
+                }
+                _ => None,
+            };
+            if let Some(opened) = opened {
+                opened.check(text, (0.0, 0.0))?;
+                planner = Some(opened);
+            }
+        }
+        #[cfg(feature = "residual")]
+        let residual = match (manifest.generator.prefix().and_then(|prefix| prefix.residual), &text) {
+            (Some(config), Some(text)) => Some(Residual::open(&mut tensors, &config, text, &codebooks, max_tokens)?),
+            _ => None,
+        };
         // A newer minor version may carry more behind what this one knows.
         let newer = header.minor > MINOR;
         if !newer {
@@ -126,6 +155,8 @@ impl<'a> Model<'a> {
             text,
             planner,
             control,
+            #[cfg(feature = "residual")]
+            residual,
         })
     }
 
@@ -224,7 +255,13 @@ impl<'a> Model<'a> {
     #[doc(hidden)]
     #[must_use]
     pub const fn planner(&self) -> Option<&Planner<'a>> {
-        if cfg!(feature = "tmd") { self.planner.as_ref() } else { None }
+        if PLANNERS { self.planner.as_ref() } else { None }
+    }
+
+    /// How its planner is meant to plan ([`Planner::defaults`]): what [`Request::planned`](crate::Request::planned) takes.
+    #[must_use]
+    pub fn default_planning(&self) -> Planning<'static> {
+        self.planner().map_or(Planning::DEFAULT, Planner::defaults)
     }
 
     /// Anchor control of the planner.
@@ -232,6 +269,12 @@ impl<'a> Model<'a> {
     #[must_use]
     pub const fn control(&self) -> Option<&AnchorControl<'a>> {
         if cfg!(feature = "anchor-control") { self.control.as_ref() } else { None }
+    }
+
+    /// Numbers of a vector that it takes as a prompt ([`Prompt::Vector`](crate::Prompt::Vector)); `None` where prompts are words.
+    #[must_use]
+    pub fn vector_width(&self) -> Option<usize> {
+        self.text().filter(|text| text.takes_vectors()).map(Text::width)
     }
 
     /// Longest prompt that it plans tokens for, words; `None` when it plans none.
@@ -264,7 +307,14 @@ impl<'a> Model<'a> {
     #[must_use]
     pub fn planning(&self) -> Option<Modules<'_, 'a>> {
         let (text, planner) = (self.text()?, self.planner()?);
-        Some(Modules { text, planner, control: self.control(), codebooks: &self.codebooks })
+        Some(Modules {
+            text,
+            planner,
+            control: self.control(),
+            codebooks: &self.codebooks,
+            #[cfg(feature = "residual")]
+            residual: self.residual.as_ref(),
+        })
     }
 }
 
@@ -310,7 +360,7 @@ fn check(manifest: &Manifest<'_>) -> Result<(), Error> {
     representation::check(&manifest.representation)?;
     codec::check(&manifest.codec, &manifest.representation)?;
     text::check(manifest.text.as_ref())?;
-    generator::check(&manifest.generator, &manifest.codec, manifest.text.is_some())?;
+    generator::check(&manifest.generator, &manifest.codec, manifest.text.as_ref())?;
     self_test::check(&manifest.self_test, &manifest.codec, &manifest.generator)
 }
 

@@ -18,7 +18,7 @@ pub(super) fn check(text: Option<&TextConfig<'_>>) -> Result<(), Error> {
     if let PhraseBank::Meanings { threshold, .. } = text.bank {
         within("text.bank.threshold", threshold, f32::MIN_POSITIVE, BELOW_ONE)?;
     }
-    let Some(encoder) = &text.encoder else { return Ok(()) };
+    let Some(encoder) = text.encoder.words() else { return Ok(()) };
     if let TextTable::Vectors { words, dims } = encoder.table {
         at_most("text.encoder.table.words", u32::from(words), MAX_VOCABULARY as u32)?;
         at_most("text.encoder.table.dims", u32::from(dims), MAX_WIDTH)?;

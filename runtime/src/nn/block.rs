@@ -195,6 +195,20 @@ impl<'w> BlockScratch<'w> {
         layer.forward(rows, out, self.attention.acc);
     }
 
+    /// `x [R][K]` becomes what the layer makes of it, as wide as it was.
+    #[cfg(feature = "masked")]
+    pub fn replace(&mut self, layer: &Linear<'_>, x: &mut [f32]) {
+        let made = core::mem::take(&mut self.b);
+        for x in x.chunks_mut((self.rows() * layer.inputs()).max(1)) {
+            let made = part_mut!(made, ..x.len());
+            self.linear(layer, x, made);
+            for (to, from) in x.iter_mut().zip(made) {
+                *to = *from;
+            }
+        }
+        self.b = made;
+    }
+
     /// Adds that to `out`.
     #[inline(never)]
     fn add_linear(&mut self, layer: &Linear<'_>, x: &[f32], out: &mut [f32]) {
@@ -272,18 +286,19 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// Keys and values of all rows of `x [n][d]` into `own`.
-    fn read_own(&self, x: &[f32], own: &mut SegmentMut<'_>, scratch: &mut BlockScratch<'_>) {
+    /// Keys and values of all rows of `x [n][d]` into `own`, behind its first `at` rows.
+    fn read_own(&self, x: &[f32], at: usize, own: &mut SegmentMut<'_>, scratch: &mut BlockScratch<'_>) {
         let width = self.width().max(1);
         let rows_per_block = scratch.rows();
         for (block, x) in x.chunks((rows_per_block * width).max(1)).enumerate() {
+            let at = at + block * rows_per_block;
             match self.config.norm {
-                Norm::Post => project(self.heads(), &self.qkv, width, x, block * rows_per_block, own, scratch),
+                Norm::Post => project(self.heads(), &self.qkv, width, x, at, own, scratch),
                 Norm::Pre => {
                     let normed = core::mem::take(&mut scratch.a);
                     if let Some(rows) = normed.get_mut(..x.len()) {
                         self.norm1.forward(x, rows);
-                        project(self.heads(), &self.qkv, width, rows, block * rows_per_block, own, scratch);
+                        project(self.heads(), &self.qkv, width, rows, at, own, scratch);
                     }
                     scratch.a = normed;
                 }
@@ -305,9 +320,29 @@ impl<'a> Block<'a> {
         memory: Option<Segment<'_>>,
         scratch: &mut BlockScratch<'_>,
     ) {
-        self.read_own(x, own, scratch);
+        self.read_own(x, 0, own, scratch);
+        self.attend(x, own.view(), extra, memory, scratch);
+    }
+
+    /// Runs the block over one more row `x [d]` in place: it attends to the `at` rows whose keys and values are in `own` and to itself, and
+    /// leaves its own keys and values there. `own` has room for all rows there may be.
+    #[cfg(feature = "autoregressive")]
+    pub fn append(&self, x: &mut [f32], at: usize, own: &mut SegmentMut<'_>, scratch: &mut BlockScratch<'_>) {
+        self.read_own(x, at, own, scratch);
+        self.attend(x, own.view().first(at + 1), None, None, scratch);
+    }
+
+    /// What follows once keys and values of the rows are there.
+    fn attend(
+        &self,
+        x: &mut [f32],
+        own: Segment<'_>,
+        extra: Option<Segment<'_>>,
+        memory: Option<Segment<'_>>,
+        scratch: &mut BlockScratch<'_>,
+    ) {
         let mut segments: Vec<Segment<'_>, MAX_SEGMENTS> = Vec::new();
-        let _ = segments.push(own.view());
+        let _ = segments.push(own);
         if let Some(extra) = extra {
             let _ = segments.push(extra);
         }
@@ -448,6 +483,9 @@ pub const fn heads(config: &TransformerConfig) -> Heads {
 pub struct Stack<'a> {
     config: TransformerConfig,
     memory: Option<u16>,
+    /// Its layers have weights of 16 bits.
+    #[cfg(feature = "wide-layers")]
+    wide: bool,
     first: Tensors<'a>,
 }
 
@@ -458,10 +496,29 @@ impl<'a> Stack<'a> {
     /// Any [`Error`] of a tensor.
     pub fn open(tensors: &mut Tensors<'a>, config: TransformerConfig, memory: Option<u16>) -> Result<Self, Error> {
         let first = tensors.trusted();
+        #[cfg(feature = "wide-layers")]
+        let mut wide = false;
         for _ in 0..config.layers {
-            Block::open(tensors, config, memory)?;
+            let _block = Block::open(tensors, config, memory)?;
+            #[cfg(feature = "wide-layers")]
+            {
+                wide |= _block.qkv.wide();
+            }
         }
-        Ok(Stack { config, memory, first })
+        Ok(Stack {
+            config,
+            memory,
+            #[cfg(feature = "wide-layers")]
+            wide,
+            first,
+        })
+    }
+
+    /// Whether keys and values have 16 bits, as its weights.
+    #[cfg(feature = "wide-layers")]
+    #[must_use]
+    pub const fn wide(&self) -> bool {
+        self.wide
     }
 
     /// A bound of the rows behind the last block when rows and memory before the first are bounded so, and keys and values
@@ -494,7 +551,7 @@ impl<'a> Stack<'a> {
 
     /// The blocks in order of execution.
     pub fn blocks(&self) -> impl Iterator<Item = Block<'a>> + use<'a> {
-        let Stack { config, memory, mut first } = *self;
+        let Stack { config, memory, mut first, .. } = *self;
         // They opened once, so they open again.
         (0..config.layers).map_while(move |_| Block::open(&mut first, config, memory).ok())
     }

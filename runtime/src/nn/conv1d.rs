@@ -3,6 +3,9 @@
 //! `y[t][n] = s[n] * sum_tap a_tap(t)[n] + b[n]`, `a_tap(t)[n] = sx[r] * sum_k q[r][k] w[tap][n][k]`, `r = t + (tap - c) d`,
 //! `c` the middle tap, `d` the dilation, rows outside the sequence left out. The inner sum is int32; taps are added
 //! in f32 in tap order, starting from zero.
+//!
+//! Weights of 16 bits are two planes, `w = 256 high + low`: `a_tap` is added in two parts, `256 sx sum q high` and `sx sum q low`, in this order.
+//! Gradients go through the high plane alone, which is the weight rounded to 8 bits.
 
 use super::epilogue::{self, Affine};
 use super::quantise;
@@ -29,8 +32,11 @@ pub struct Conv1d<'a> {
     inputs: usize,
     /// Output channels `N`.
     outputs: usize,
-    /// `[taps][N][K]`
+    /// `[taps][N][K]`; the high plane of 16-bit ones.
     weights: &'a [i8],
+    /// The low plane; empty where weights have 8 bits.
+    #[cfg(feature = "wide-layers")]
+    low: &'a [i8],
     /// `[N]`
     scales: &'a [f32],
     /// `[N]`
@@ -103,6 +109,13 @@ impl<'a> Conv1d<'a> {
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
     pub fn open(tensors: &mut Tensors<'a>, shape: ConvShape) -> Result<Self, Error> {
         let ConvShape { taps, dilation, inputs, outputs, .. } = shape;
+        #[cfg(feature = "wide-layers")]
+        let (weights, low): (&[i8], &[i8]) = if planes_follow(tensors) {
+            tensors.take()?.planes([taps, outputs, inputs])?
+        } else {
+            (tensors.take()?.bytes([taps, outputs, inputs])?, &[])
+        };
+        #[cfg(not(feature = "wide-layers"))]
         let weights = tensors.take()?.bytes([taps, outputs, inputs])?;
         let scales = tensors.take()?.scales(outputs)?;
         let biases = tensors.take()?.f32s(outputs)?;
@@ -113,6 +126,8 @@ impl<'a> Conv1d<'a> {
             inputs: usize::from(inputs),
             outputs: usize::from(outputs),
             weights,
+            #[cfg(feature = "wide-layers")]
+            low,
             scales,
             biases,
         })
@@ -124,7 +139,39 @@ impl<'a> Conv1d<'a> {
         let (taps, inputs, outputs) = (usize::from(shape.taps), usize::from(shape.inputs), usize::from(shape.outputs));
         let fits = weights.len() == taps * inputs * outputs && scales.len() == outputs && biases.len() == outputs;
         let (dilation, left) = (usize::from(shape.dilation), shape.left());
-        fits.then_some(Conv1d { taps, dilation, left, inputs, outputs, weights, scales, biases })
+        fits.then_some(Conv1d {
+            taps,
+            dilation,
+            left,
+            inputs,
+            outputs,
+            weights,
+            #[cfg(feature = "wide-layers")]
+            low: &[],
+            scales,
+            biases,
+        })
+    }
+
+    /// The same with weights of 16 bits, `256 weights + low`; `None` where there are not as many.
+    #[cfg(feature = "wide-layers")]
+    #[must_use]
+    pub fn with_low(self, low: &'a [i8]) -> Option<Self> {
+        (low.len() == self.weights.len()).then_some(Conv1d { low, ..self })
+    }
+
+    /// Whether weights have 16 bits.
+    #[must_use]
+    pub const fn wide(&self) -> bool {
+        #[cfg(feature = "wide-layers")]
+        return !self.low.is_empty();
+        #[cfg(not(feature = "wide-layers"))]
+        false
+    }
+
+    /// What a scale stands for where gradients pass.
+    const fn step(&self) -> f32 {
+        if self.wide() { 256.0 } else { 1.0 }
     }
 
     /// Output channels.
@@ -154,7 +201,8 @@ impl<'a> Conv1d<'a> {
     /// Multiply-accumulates for one output row whose taps all lie inside.
     #[must_use]
     pub const fn macs(&self) -> u64 {
-        (self.taps * self.inputs * self.outputs) as u64
+        let planes = if self.wide() { 2 } else { 1 };
+        (planes * self.taps * self.inputs * self.outputs) as u64
     }
 
     /// A bound of `|y|` when `|x| <= input` (row norms of the weights).
@@ -166,6 +214,13 @@ impl<'a> Conv1d<'a> {
             let mut norm = 0u32;
             for tap in 0..self.taps {
                 norm += weight_norm(self.tap(tap).get(n * self.inputs..(n + 1) * self.inputs));
+            }
+            #[cfg(feature = "wide-layers")]
+            if self.wide() {
+                norm *= 256;
+                for tap in 0..self.taps {
+                    norm += weight_norm(self.low_tap(tap).get(n * self.inputs..(n + 1) * self.inputs));
+                }
             }
             bound = larger(bound, row_bound(norm as f32, input, *scale, *bias));
         }
@@ -179,9 +234,42 @@ impl<'a> Conv1d<'a> {
         part!(self.weights, tap * size..(tap + 1) * size)
     }
 
+    /// The low plane of one tap.
+    #[cfg(feature = "wide-layers")]
+    fn low_tap(&self, tap: usize) -> &'a [i8] {
+        let size = self.outputs * self.inputs;
+        part!(self.low, tap * size..(tap + 1) * size)
+    }
+
+    /// [`Conv1d::forward`] of weights of 16 bits.
+    #[cfg(feature = "wide-layers")]
+    #[inline(never)]
+    fn forward_wide(&self, x: Rows<'_>, first: usize, out: &mut [f32], rows_per_block: usize, acc: &mut [i32]) {
+        let (width, rows) = (self.outputs, x.scales.len());
+        out.fill(0.0);
+        for (block, out) in out.chunks_mut((rows_per_block * width).max(1)).enumerate() {
+            let (first, count) = (first + block * rows_per_block, out.len() / width.max(1));
+            for tap in 0..self.taps {
+                let Some(Span { skip, source, rows }) = Span::new(first, count, rows, self.offset(tap)) else {
+                    continue;
+                };
+                let (x, out) = (x.window(source, rows, self.inputs), part_mut!(out, skip * width..));
+                linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
+                epilogue::add_high(out, width, acc, width, x.scales);
+                linear_s16s8(x.q, self.low_tap(tap), self.inputs, width, acc);
+                epilogue::add(out, width, acc, width, x.scales);
+            }
+            epilogue::scale(out, width, self.affine());
+        }
+    }
+
     /// Computes output rows `first..` of `x`, as many as `out [B][N]` holds, `together` at a time: weights are read, and widened or transposed, once
     /// for so many. `acc` holds [`accumulators`] of these, or of as many as `out` has.
     pub fn forward(&self, x: Rows<'_>, first: usize, out: &mut [f32], rows_per_block: usize, acc: &mut [i32]) {
+        #[cfg(feature = "wide-layers")]
+        if self.wide() {
+            return self.forward_wide(x, first, out, rows_per_block, acc);
+        }
         let (width, rows) = (self.outputs, x.scales.len());
         for (block, out) in out.chunks_mut((rows_per_block * width).max(1)).enumerate() {
             let (first, count) = (first + block * rows_per_block, out.len() / width.max(1));
@@ -208,7 +296,13 @@ impl<'a> Conv1d<'a> {
     /// Adds what the middle tap makes of rows `x [B][K]`, which is all where the kernel size is 1, to `out [B][N]`, no more rows than
     /// `acc` has room for.
     pub fn add_pointwise(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
-        linear_s16s8(x.q, self.tap(self.taps / 2), self.inputs, self.outputs, acc);
+        let tap = self.taps / 2;
+        linear_s16s8(x.q, self.tap(tap), self.inputs, self.outputs, acc);
+        #[cfg(feature = "wide-layers")]
+        if self.wide() {
+            epilogue::add_high_scaled(out, acc, x.scales, self.affine());
+            linear_s16s8(x.q, self.low_tap(tap), self.inputs, self.outputs, acc);
+        }
         epilogue::add_finished(out, acc, x.scales, self.affine());
     }
 
@@ -233,15 +327,22 @@ impl<'a> Conv1d<'a> {
             let end = (lead + count).saturating_sub(self.left).div_ceil(2).min(rows);
             for source in (start..end).step_by(rows_per_block.max(1)) {
                 let x = x.window(source, end.saturating_sub(source).min(rows_per_block), self.inputs);
+                let mut copies = |acc: &[i32], add: fn(&mut [f32], usize, &[i32], usize, &[f32])| {
+                    for copy in 0..2 {
+                        // Of the sources' copies every other row; those before the first row are left out.
+                        let at = 2 * source + copy + self.left;
+                        let skip = lead.saturating_sub(at).div_ceil(2);
+                        let out = part_mut!(out, (at + 2 * skip - lead) * width..);
+                        add(out, 2 * width, part!(acc, skip * width..), width, part!(x.scales, skip..));
+                    }
+                };
                 linear_s16s8(x.q, self.tap(tap), self.inputs, width, acc);
-                for copy in 0..2 {
-                    // Of the sources' copies every other row; those before the first row are left out.
-                    let at = 2 * source + copy + self.left;
-                    let skip = lead.saturating_sub(at).div_ceil(2);
-                    let out = part_mut!(out, (at + 2 * skip - lead) * width..);
-                    let acc = part!(acc, skip * width..);
-                    epilogue::add(out, 2 * width, acc, width, part!(x.scales, skip..));
+                #[cfg(feature = "wide-layers")]
+                if self.wide() {
+                    copies(acc, epilogue::add_high);
+                    linear_s16s8(x.q, self.low_tap(tap), self.inputs, width, acc);
                 }
+                copies(acc, epilogue::add);
             }
         }
         epilogue::scale(out, width, self.affine());
@@ -251,14 +352,14 @@ impl<'a> Conv1d<'a> {
     pub fn quantise_gradient(&self, g: &[f32], q: &mut [i16], scales: &mut [f32], row: &mut [f32]) {
         let width = self.outputs.max(1);
         let limit = quantise::limit(self.outputs);
-        let row = part_mut!(row, ..width);
+        let (row, step) = (part_mut!(row, ..width), self.step());
         for ((g, q), scale) in g.chunks_exact(width).zip(q.chunks_exact_mut(width)).zip(scales) {
             wide!({
                 for ((row, g), s) in row.iter_mut().zip(g).zip(self.scales) {
                     *row = *g * *s;
                 }
             });
-            *scale = quantise::row(row, q, limit);
+            *scale = quantise::row(row, q, limit) * step;
         }
     }
 
@@ -308,7 +409,7 @@ impl<'a> Conv1d<'a> {
                     }
                     let q = part_mut!(block.q, r * width..(r + 1) * width);
                     if let Some(scale) = block.scales.get_mut(r) {
-                        *scale = quantise::row(row, q, quantise::limit(width));
+                        *scale = quantise::row(row, q, quantise::limit(width)) * self.step();
                     }
                 }
                 let q = part!(block.q, ..count * width);

@@ -1,14 +1,19 @@
-//! Embedding table: int8 rows with one scale each.
+//! Embedding table: int8 or int16 rows with one scale each.
 
 use super::conv1d::larger;
+#[cfg(feature = "wide-layers")]
+use super::conv1d::planes_follow;
 use crate::blob::{Error, Tensors};
 
-/// A table in flash: `e[r][k] = w[r][k] * s[r]`.
+/// A table in flash: `e[r][k] = w[r][k] * s[r]`; weights of 16 bits are two planes, `w = 256 high + low`.
 #[derive(Debug, Clone, Copy)]
 pub struct Embedding<'a> {
     width: usize,
-    /// `[rows][width]`
+    /// `[rows][width]`; the high plane of 16-bit ones.
     weights: &'a [i8],
+    /// The low plane; empty where weights have 8 bits.
+    #[cfg(feature = "wide-layers")]
+    low: &'a [i8],
     /// `[rows]`
     scales: &'a [f32],
 }
@@ -20,8 +25,19 @@ impl<'a> Embedding<'a> {
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values.
     #[inline(never)]
     pub fn open(tensors: &mut Tensors<'a>, rows: u16, width: u16) -> Result<Self, Error> {
+        #[cfg(feature = "wide-layers")]
+        if planes_follow(tensors) {
+            let (weights, low) = tensors.take()?.planes([1, rows, width])?;
+            return Ok(Embedding { width: usize::from(width), weights, low, scales: tensors.take()?.scales(rows)? });
+        }
         let weights = tensors.take()?.bytes([1, rows, width])?;
-        Ok(Embedding { width: usize::from(width), weights, scales: tensors.take()?.scales(rows)? })
+        Ok(Embedding {
+            width: usize::from(width),
+            weights,
+            #[cfg(feature = "wide-layers")]
+            low: &[],
+            scales: tensors.take()?.scales(rows)?,
+        })
     }
 
     /// Rows.
@@ -32,10 +48,18 @@ impl<'a> Embedding<'a> {
 
     /// Adds row `row` to `x [width]`; a row that is not there adds nothing.
     pub fn add(&self, row: usize, x: &mut [f32]) {
+        #[cfg(feature = "wide-layers")]
+        if let Some(low) = self.low.get(row * self.width..(row + 1) * self.width)
+            && !self.low.is_empty()
+        {
+            let (high, scale) = self.row(row);
+            add_row((high, 256.0 * scale), x);
+            return add_row((low, scale), x);
+        }
         add_row(self.row(row), x);
     }
 
-    /// Weights of row `row` and their scale; nothing where there is no such row.
+    /// Weights of row `row` and their scale, of int8 rows; nothing where there is no such row.
     #[must_use]
     pub fn row(&self, row: usize) -> (&'a [i8], f32) {
         let weights = self.weights.get(row * self.width..(row + 1) * self.width).unwrap_or(&[]);
@@ -45,7 +69,12 @@ impl<'a> Embedding<'a> {
     /// Largest magnitude in the table.
     #[must_use]
     pub fn bound(&self) -> f32 {
-        largest(self.weights, self.scales, self.width)
+        let bound = largest(self.weights, self.scales, self.width);
+        // The low plane adds half a step of the high one at most.
+        #[cfg(feature = "wide-layers")]
+        let bound =
+            if self.low.is_empty() { bound } else { 256.0 * bound + largest(self.low, self.scales, self.width) };
+        bound
     }
 }
 

@@ -32,6 +32,20 @@ pub fn add(y: &mut [f32], stride: usize, acc: &[i32], width: usize, sx: &[f32]) 
     });
 }
 
+/// `y += 256 t`, likewise: the high plane of weights of 16 bits.
+#[cfg(feature = "wide-layers")]
+#[inline(never)]
+pub fn add_high(y: &mut [f32], stride: usize, acc: &[i32], width: usize, sx: &[f32]) {
+    wide!({
+        for ((y, acc), sx) in y.chunks_mut(stride.max(1)).zip(acc.chunks_exact(width.max(1))).zip(sx) {
+            let sx = *sx * 256.0;
+            for (y, a) in y.iter_mut().zip(acc) {
+                *y += *a as f32 * sx;
+            }
+        }
+    });
+}
+
 /// `y += t` for weights of 16 bits, `acc = 256 high + low`, likewise.
 #[inline(never)]
 pub fn add_planes(y: &mut [f32], stride: usize, high: &[i32], low: &[i32], width: usize, sx: &[f32]) {
@@ -62,6 +76,13 @@ pub fn finish_sum(y: &mut [f32], acc: &[i32], sx: &[f32], affine: Affine<'_>) {
 #[inline(never)]
 pub fn add_finished(y: &mut [f32], acc: &[i32], sx: &[f32], affine: Affine<'_>) {
     wide!(rows(y, acc, sx, affine, |y, t, s, b| y + (t * s + b)));
+}
+
+/// `y += 256 t s`: what the high plane of weights of 16 bits adds before [`add_finished`] adds the low one.
+#[cfg(feature = "wide-layers")]
+#[inline(never)]
+pub fn add_high_scaled(y: &mut [f32], acc: &[i32], sx: &[f32], affine: Affine<'_>) {
+    wide!(rows(y, acc, sx, affine, |y, t, s, _| y + t * 256.0 * s));
 }
 
 /// `y = y s + b`, `N` numbers of every `stride` of `y`.

@@ -1,6 +1,7 @@
 //! Fully connected layer, int8 or 4-bit weights, int16 rows (DESIGN section 4).
 //!
-//! `y[r][n] = (sx[r] * sum_k q[r][k] w[n][k]) * s[n] + b[n]`; the sum is int32.
+//! `y[r][n] = (sx[r] * sum_k q[r][k] w[n][k]) * s[n] + b[n]`; the sum is int32. Weights of 16 bits are two planes, `w = 256 high + low`:
+//! `y = (sx sum q high) 256 s`, then `y += (sx sum q low) s + b`.
 
 use super::conv1d::{Rows, larger, row_bound, weight_norm};
 use super::epilogue;
@@ -28,8 +29,11 @@ pub struct Linear<'a> {
     inputs: usize,
     /// Bytes of a row of weights: `K`, or `K / 2` of 4-bit ones.
     stride: usize,
-    /// `[N][stride]`
+    /// `[N][stride]`; the high plane of 16-bit ones.
     weights: &'a [u8],
+    /// The low plane, `[N][K]`; empty where weights have fewer bits.
+    #[cfg(feature = "wide-layers")]
+    low: &'a [i8],
     /// `[N]`
     scales: &'a [f32],
     /// `[N]`
@@ -45,13 +49,40 @@ impl<'a> Linear<'a> {
     pub fn open(tensors: &mut Tensors<'a>, inputs: u16, outputs: u16) -> Result<Self, Error> {
         let (tensor, shape) = (tensors.take()?, [1, outputs, inputs]);
         let packed = tensor.entry.dtype == DType::I4;
+        #[cfg(feature = "wide-layers")]
+        let (high, low): (Option<&[i8]>, &[i8]) = match tensor.entry.dtype {
+            DType::I16Planes => tensor.planes(shape).map(|(high, low)| (Some(high), low))?,
+            _ => (None, &[]),
+        };
+        #[cfg(not(feature = "wide-layers"))]
+        let high: Option<&[i8]> = None;
         Ok(Linear {
             inputs: usize::from(inputs),
             stride: usize::from(if packed { inputs / 2 } else { inputs }),
-            weights: if packed { tensor.nibbles(shape)? } else { bytemuck::cast_slice(tensor.bytes(shape)?) },
+            weights: match high {
+                Some(high) => bytemuck::cast_slice(high),
+                None if packed => tensor.nibbles(shape)?,
+                None => bytemuck::cast_slice(tensor.bytes(shape)?),
+            },
+            #[cfg(feature = "wide-layers")]
+            low,
             scales: tensors.take()?.scales(outputs)?,
             biases: tensors.take()?.f32s(outputs)?,
         })
+    }
+
+    /// A layer of no outputs.
+    #[must_use]
+    pub const fn none(inputs: u16) -> Self {
+        Linear {
+            inputs: inputs as usize,
+            stride: inputs as usize,
+            weights: &[],
+            #[cfg(feature = "wide-layers")]
+            low: &[],
+            scales: &[],
+            biases: &[],
+        }
     }
 
     /// A layer of weights, scales and biases `[N]`; `None` where their lengths do not go together.
@@ -63,7 +94,30 @@ impl<'a> Linear<'a> {
         };
         let outputs = scales.len();
         let fits = outputs.checked_mul(stride) == Some(weights.len()) && biases.len() == outputs;
-        fits.then_some(Linear { inputs, stride, weights, scales, biases })
+        fits.then_some(Linear {
+            inputs,
+            stride,
+            weights,
+            #[cfg(feature = "wide-layers")]
+            low: &[],
+            scales,
+            biases,
+        })
+    }
+
+    /// Whether weights have 16 bits.
+    #[must_use]
+    pub const fn wide(&self) -> bool {
+        #[cfg(feature = "wide-layers")]
+        return !self.low.is_empty();
+        #[cfg(not(feature = "wide-layers"))]
+        false
+    }
+
+    /// The low plane of `count` outputs from `first` on.
+    #[cfg(feature = "wide-layers")]
+    fn low_rows(&self, first: usize, count: usize) -> &'a [i8] {
+        if self.wide() { part!(self.low, first * self.inputs..(first + count) * self.inputs) } else { &[] }
     }
 
     /// Whether weights are 4-bit.
@@ -92,7 +146,8 @@ impl<'a> Linear<'a> {
     /// Multiply-accumulates a row.
     #[must_use]
     pub const fn macs(&self) -> u64 {
-        (self.inputs * self.outputs()) as u64
+        let planes = if self.wide() { 2 } else { 1 };
+        (planes * self.inputs * self.outputs()) as u64
     }
 
     /// The layer of `count` outputs from `first` on.
@@ -101,7 +156,14 @@ impl<'a> Linear<'a> {
         let weights = self.rows(first, count);
         let scales = part!(self.scales, first..first + count);
         let biases = part!(self.biases, first..first + count);
-        Linear { weights, scales, biases, ..*self }
+        Linear {
+            weights,
+            #[cfg(feature = "wide-layers")]
+            low: self.low_rows(first, count),
+            scales,
+            biases,
+            ..*self
+        }
     }
 
     /// Weights of output `n` and their scale, `w[n][k] = q[k] * scale`, of int8 weights.
@@ -125,6 +187,8 @@ impl<'a> Linear<'a> {
             let weights = self.rows(n, 1);
             let norm =
                 if self.packed() { packed_norm(weights) } else { weight_norm(Some(bytemuck::cast_slice(weights))) };
+            #[cfg(feature = "wide-layers")]
+            let norm = if self.wide() { 256 * norm + weight_norm(Some(self.low_rows(n, 1))) } else { norm };
             bound = larger(bound, row_bound(norm as f32, input, *scale, *bias));
         }
         bound
@@ -139,6 +203,11 @@ impl<'a> Linear<'a> {
     /// `out [R][N]` of `x [R][K]`. `acc` has `R N` numbers, and [`room`](crate::kernels::room) behind them.
     #[inline(never)]
     pub fn forward(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
+        #[cfg(feature = "wide-layers")]
+        if self.wide() {
+            out.fill(0.0);
+            return self.add(x, out, acc);
+        }
         self.multiply(x, acc);
         epilogue::finish(out, acc, x.scales, (self.scales, self.biases));
     }
@@ -147,6 +216,11 @@ impl<'a> Linear<'a> {
     #[inline(never)]
     pub fn add(&self, x: Rows<'_>, out: &mut [f32], acc: &mut [i32]) {
         self.multiply(x, acc);
+        #[cfg(feature = "wide-layers")]
+        if self.wide() {
+            epilogue::add_high_scaled(out, acc, x.scales, (self.scales, self.biases));
+            linear_s16s8(x.q, self.low, self.inputs, self.outputs(), acc);
+        }
         epilogue::add_finished(out, acc, x.scales, (self.scales, self.biases));
     }
 

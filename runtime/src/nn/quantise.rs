@@ -90,6 +90,23 @@ pub fn row_narrow(x: &[f32], q: &mut [i8]) -> f32 {
     })
 }
 
+/// The same to two planes, `q[k] = 256 high[k] + low[k]`, `|q[k]| <= 32512`.
+#[cfg(feature = "wide-layers")]
+#[inline(never)]
+pub fn row_planes(x: &[f32], high: &mut [i8], low: &mut [i8]) -> f32 {
+    const LIMIT: i16 = 127 * 256;
+    let step = step(x, LIMIT);
+    let mut q = [0i16; 8];
+    for ((x, high), low) in x.chunks(q.len()).zip(high.chunks_mut(q.len())).zip(low.chunks_mut(q.len())) {
+        part(x, step, part_mut!(q, ..x.len()));
+        for ((q, high), low) in q.iter().zip(high).zip(low) {
+            *high = ((i32::from(*q) + 128) >> 8) as i8;
+            *low = (i32::from(*q) - 256 * i32::from(*high)) as i8;
+        }
+    }
+    step.scale
+}
+
 /// Quantises `rows x [R][width]` into `q` and `scales`.
 pub fn rows(x: &[f32], width: usize, limit: i16, q: &mut [i16], scales: &mut [f32]) {
     if width == 0 {

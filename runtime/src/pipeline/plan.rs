@@ -301,7 +301,7 @@ fn check_planning<'m, 'b>(
     let modules = model.planning().ok_or(PlanError::NoPlanner)?;
     let (words, steps) = (planning.words, planning.steps);
     let limit = modules.text.max_words();
-    if words == 0 || words > limit {
+    if (words == 0 && !modules.text.takes_vectors()) || words > limit {
         return Err(PlanError::Words { found: words, limit });
     }
     if steps == 0 || steps > MAX_STEPS {

@@ -3,6 +3,9 @@
 use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
 use super::sequence::Then;
+use crate::codec::codebook::Codebooks;
+#[cfg(feature = "autoregressive")]
+use crate::generation::tokens::PlanningError;
 use crate::generation::tokens::session::Modules;
 use crate::generation::tokens::{Length, Planning, PlanningLimits, Session};
 use crate::memory::Arena;
@@ -10,6 +13,7 @@ use crate::numerics::hash::Stream;
 use crate::request::conditions::AnchorSet;
 use crate::request::prompt::{Prompt, PromptStats};
 use crate::stop::Stop;
+use crate::text::VECTORS;
 use core::ops::ControlFlow;
 
 /// What planning settled.
@@ -66,7 +70,8 @@ pub(super) struct PlanningTask<'p> {
     pub anchors: Option<&'p AnchorSet>,
 }
 
-/// Plans tokens into `tokens`, which has room for the longest motion there may be, in a session that takes its memory from `arena`.
+/// Plans tokens `[L][Q]` into `tokens`, which has room for the longest motion there may be, in a session that takes its memory from
+/// `arena`.
 // Its own frame: the session is not to lie on the stack while the tokens are decoded.
 #[inline(never)]
 pub(super) fn plan_tokens(
@@ -82,8 +87,12 @@ pub(super) fn plan_tokens(
     let mut end = Finishing { watch: &mut watch, wanted: false, ready: false };
     let ControlFlow::Continue(heard) = session.read(prompt, &mut || end.ask())? else { return Err(Error::Aborted) };
 
-    let mut count = tokens.len();
-    if planning.length == Length::Predicted {
+    // The first quantizer's tokens are planned side by side, and parted when those of the others come.
+    let quantizers = modules.quantizers();
+    let mut count = tokens.len() / quantizers;
+    let says_length = !VECTORS || modules.text.length().outputs() > 0;
+    let in_turn = modules.planner.in_turn();
+    if says_length && planning.length == Length::Predicted {
         let least = [shortest, planning.shortest()];
         let mut wanted = context + session.predicted_length();
         for least in least {
@@ -95,7 +104,8 @@ pub(super) fn plan_tokens(
             count = wanted;
         }
     }
-    let tokens = part_mut!(tokens, ..count);
+    let all = part_mut!(tokens, ..count * quantizers);
+    let tokens = part_mut!(all, ..count);
     if let Some(anchors) = anchors
         && session.anchor(anchors, count, &mut || end.ask()).is_break()
     {
@@ -105,9 +115,22 @@ pub(super) fn plan_tokens(
     let mut random = Stream::new(planning.seed);
     session.begin(planning, &mut random, tokens);
     end.watch.stage = Stage::Planning;
+    #[cfg(feature = "autoregressive")]
+    if in_turn {
+        // Where the planner may say when the motion ends, it has so many tokens at least.
+        let least = match planning.length {
+            Length::Predicted => match shortest.max(planning.shortest()).max(context + 1).min(count) {
+                1 => 0,
+                least => least,
+            },
+            _ => count,
+        };
+        count = plan_in_turn(&mut session, planning, least, &mut random, tokens, &mut end)?;
+    }
     let first = clause.0.saturating_mul(planning.steps);
     end.watch.evaluations = clause.1.saturating_mul(planning.steps);
-    for step in 0..planning.steps {
+    let steps = if in_turn { 0 } else { planning.steps };
+    for step in 0..steps {
         end.watch.evaluation = first.saturating_add(step + 1);
         let time = planning.schedule.time(step, planning.steps);
         match session.pass(tokens, time, planning, &mut || end.ask()) {
@@ -121,13 +144,72 @@ pub(super) fn plan_tokens(
             }
         }
         let last = end.wanted || step + 1 == planning.steps;
-        let next = planning.schedule.time(step + 1, planning.steps);
-        session.advance(planning, if last { None } else { Some((time, next)) }, &mut random, tokens);
+        session.advance(planning, if last { None } else { Some(step) }, &mut random, tokens);
         end.ready = true;
         end.watch.observer.tokens(first.saturating_add(step), tokens);
         if last {
             break;
         }
     }
+    if quantizers > 1 {
+        let all = part_mut!(all, ..count * quantizers);
+        for position in (0..count).rev() {
+            let token = all.get(position).copied().unwrap_or(0);
+            for (quantizer, to) in all.iter_mut().skip(position * quantizers).take(quantizers).enumerate() {
+                *to = if quantizer == 0 { token } else { Codebooks::NONE };
+            }
+        }
+        #[cfg(feature = "residual")]
+        if modules.residual.is_some() {
+            for quantizer in 1..quantizers {
+                if session.detail(prompt, quantizer, all, &mut || end.watch.ask_at_the_end()).is_break() {
+                    return Err(Error::Aborted);
+                }
+                session.draw_detail(quantizer, planning, &mut random, all, &mut |_| {});
+            }
+            let codes = modules.codebooks.codes();
+            for token in all.iter_mut().filter(|token| usize::from(**token) >= codes) {
+                *token = Codebooks::NONE;
+            }
+        }
+    }
     Ok(Planned { tokens: count, heard, then: Then::default(), parted: false })
+}
+
+/// Plans `tokens` one behind the other, at least so many of them; how many there are comes back.
+#[cfg(feature = "autoregressive")]
+fn plan_in_turn(
+    session: &mut Session<'_, '_, '_>,
+    planning: &Planning<'_>,
+    least: usize,
+    random: &mut Stream,
+    tokens: &mut [u16],
+    end: &mut Finishing<'_, '_>,
+) -> Result<usize, Error> {
+    let mut token = 0;
+    for at in 0..tokens.len() {
+        // What is there is a motion once it is as long as it must be.
+        end.ready = at > 0 && at >= least;
+        end.watch.evaluation = at as u16 + 1;
+        end.watch.evaluations = tokens.len() as u16;
+        let logits = match session.extend(token, at, &mut || end.ask()) {
+            ControlFlow::Continue(logits) => logits,
+            ControlFlow::Break(Stop::Abort) => return Err(Error::Aborted),
+            ControlFlow::Break(Stop::Finish) => return Ok(at),
+        };
+        let stop = logits.len().saturating_sub(1);
+        if let (true, Some(end)) = (at < least, logits.get_mut(stop)) {
+            *end = f32::MIN;
+        }
+        let drawn = planning.sampling.propose(logits, random);
+        token = planning.fixed_at(at).unwrap_or(drawn);
+        if usize::from(token) >= stop {
+            return if at > 0 { Ok(at) } else { Err(PlanningError::Nothing.into()) };
+        }
+        if let Some(to) = tokens.get_mut(at) {
+            *to = token;
+        }
+        end.watch.observer.tokens(at as u16, part!(tokens, ..at + 1));
+    }
+    Ok(tokens.len())
 }

@@ -159,7 +159,7 @@ pub(crate) fn planning_bytes(
     limits: &planning::PlanningLimits,
     rows: usize,
 ) -> usize {
-    bytes_of::<u16>(capacity).saturating_add(modules.bytes(tokens, limits, rows).all())
+    bytes_of::<u16>(capacity * modules.quantizers()).saturating_add(modules.bytes(tokens, limits, rows).all())
 }
 
 impl<'a> Generator<'a> {
@@ -336,7 +336,9 @@ impl MotionStream<'_, '_> {
         let context = self.memory.known.min(capacity.saturating_sub(count));
         let before = self.memory.known.saturating_sub(context);
         let mut fixed: Vec<Fixed, { MAX_TOKENS as usize }> = Vec::new();
-        let given = self.memory.get(before, context).iter().enumerate();
+        let quantizers = modules.quantizers();
+        // Of the first quantizer alone: the others follow from it.
+        let given = self.memory.get(before, context).iter().step_by(quantizers).enumerate();
         let given = given.map(|(position, &token)| Fixed { position: position as u16, token });
         let later = |f: &Fixed| Fixed { position: f.position.saturating_add(context as u16), ..*f };
         for f in given.chain(own.fixed.iter().map(later)) {
@@ -368,8 +370,8 @@ impl MotionStream<'_, '_> {
             return Err(Error::Arena(ArenaTooSmall { needed, available }).into());
         }
         let mut arena = self.spare.overlay();
-        let window = arena.take::<u16>(capacity).map_err(too_small)?;
-        let window = part_mut!(window, ..context + count);
+        let window = arena.take::<u16>(capacity * quantizers).map_err(too_small)?;
+        let window = part_mut!(window, ..(context + count) * quantizers);
         let (rows, prompt, planning) = (self.rows, &prompt, &planning);
         let task = PlanningTask {
             limits: &limits,
@@ -384,7 +386,7 @@ impl MotionStream<'_, '_> {
         };
         let planned = plan_tokens(modules, task, &mut arena, window, observer)?;
         log::debug!("planned {} tokens behind {}", count, context);
-        self.memory.push(part!(window, context..));
+        self.memory.push(part!(window, context * quantizers..));
         self.segment = self.segment.wrapping_add(1);
         Ok(Segment { tokens: count, heard: planned.heard })
     }

@@ -1,16 +1,19 @@
 //! What the motion is to be, in words, and why a prompt is refused.
 
-use crate::text::Text;
+use crate::text::bank;
 use crate::text::meaning::Understood;
 use crate::text::words::{MAX_PROMPT, UNKNOWN, Words};
+use crate::text::{Text, VECTORS};
 
 /// What the motion is to be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Prompt<'r> {
     /// Free text, for blobs with a text encoder.
     Text(&'r str),
     /// The name of a prompt that the blob stores.
     Bank(&'r str),
+    /// A vector of the encoder that the model was trained with, for blobs whose prompts are vectors.
+    Vector(&'r [f32]),
 }
 
 /// What was understood of a prompt.
@@ -35,6 +38,29 @@ pub enum PromptError {
         /// Prompts it stores.
         stored: usize,
     },
+    /// The blob's prompts are vectors of another encoder: it reads no words.
+    Vectors {
+        /// Numbers of a vector.
+        width: usize,
+        /// Prompts it stores.
+        stored: usize,
+    },
+    /// The blob's prompts are no vectors.
+    NoVectors,
+    /// The vector is of another encoder.
+    VectorWidth {
+        /// Its numbers.
+        found: usize,
+        /// Numbers of one that the model takes.
+        width: usize,
+    },
+    /// A number of the vector is not finite, or beyond what any encoder gives.
+    VectorValue {
+        /// Its place.
+        index: usize,
+    },
+    /// All numbers of the vector are zero, which asks for nothing.
+    ZeroVector,
     /// The prompt has no words.
     Empty,
     /// The prompt is too long to be read.
@@ -69,6 +95,29 @@ impl core::fmt::Display for PromptError {
             PromptError::NoEncoder { stored } => {
                 write!(f, "the model has no text encoder, only {stored} stored prompts")
             }
+            // Nothing takes vectors: nothing is said of them.
+            PromptError::Vectors { .. }
+            | PromptError::VectorWidth { .. }
+            | PromptError::VectorValue { .. }
+            | PromptError::ZeroVector
+                if !VECTORS =>
+            {
+                Ok(())
+            }
+            PromptError::Vectors { width, stored } => {
+                write!(
+                    f,
+                    "the model takes prompts as vectors of {width} numbers, or one of its {stored} stored prompts"
+                )
+            }
+            PromptError::NoVectors => write!(f, "the model takes prompts in words, not as vectors"),
+            PromptError::VectorWidth { found, width } => {
+                write!(f, "the prompt is a vector of {found} numbers, the model takes {width}")
+            }
+            PromptError::VectorValue { index } => {
+                write!(f, "number {index} of the prompt's vector is not finite, or beyond 10000")
+            }
+            PromptError::ZeroVector => write!(f, "the prompt's vector is all zeros"),
             PromptError::Empty => write!(f, "the prompt has no words"),
             PromptError::TooLong { found, limit } => {
                 write!(f, "the prompt is {found} bytes long, at most {limit} are read")
@@ -98,6 +147,19 @@ impl Text<'_> {
             Prompt::Bank(name) => {
                 let entry = self.bank().get(name).ok_or(PromptError::NotStored { stored: self.bank().len() })?;
                 Ok(entry.rows())
+            }
+            Prompt::Vector(vector) if self.takes_vectors() => {
+                if vector.len() != self.width() {
+                    return Err(PromptError::VectorWidth { found: vector.len(), width: self.width() });
+                }
+                if let Some(index) = vector.iter().position(|v| !(v.abs() <= bank::MAX_VALUE)) {
+                    return Err(PromptError::VectorValue { index });
+                }
+                if vector.iter().all(|v| *v == 0.0) { Err(PromptError::ZeroVector) } else { Ok(0) }
+            }
+            Prompt::Vector(_) => Err(PromptError::NoVectors),
+            Prompt::Text(_) if self.takes_vectors() => {
+                Err(PromptError::Vectors { width: self.width(), stored: self.bank().len() })
             }
             Prompt::Text(text) => {
                 if self.encoder().is_none() {

@@ -1,5 +1,6 @@
 //! Stored prompts: memory and pooled vector of texts that were encoded on the host, by name.
 
+use super::VECTORS;
 use super::words::Vocabulary;
 use crate::blob::{Error, MAX_BANK, Tensors};
 use half::f16;
@@ -26,7 +27,7 @@ pub struct Entry<'a> {
 }
 
 impl<'a> Bank<'a> {
-    /// Checks the prompts in the next tensors.
+    /// Checks the prompts in the next tensors, of up to so many words; 0 for vectors.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor that is missing, of another shape, or holds refused values; [`Error::Config`] of a
@@ -38,10 +39,12 @@ impl<'a> Bank<'a> {
             return Err(Error::Config { what: "text.bank", found: u32::try_from(count).unwrap_or(u32::MAX), limit });
         }
         let first = tensors.trusted();
+        // Those of no words are vectors without a memory.
+        let least = if VECTORS && max_words == 0 { 1 } else { 2 };
         for _ in 0..count {
             let tensor = tensors.take()?;
             let [_, rows, _] = tensor.entry.shape;
-            if rows < 2 || rows > max_words.saturating_add(1) {
+            if rows < least || rows > max_words.saturating_add(1) {
                 let limit = u32::from(max_words) + 1;
                 return Err(Error::Config { what: "rows of a stored prompt", found: u32::from(rows), limit });
             }

@@ -9,7 +9,7 @@ pub mod meaning;
 pub mod table;
 pub mod words;
 
-use crate::blob::{Error, Tensors, TextConfig};
+use crate::blob::{Error, Tensors, TextConfig, TextEncoding, TextLength};
 use crate::nn::block::below;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
@@ -19,12 +19,17 @@ use encoder::TextEncoder;
 use meaning::Meanings;
 use words::{UNKNOWN, Words};
 
+/// Whether this build knows planners that are given vectors.
+pub const VECTORS: bool = cfg!(any(feature = "masked", feature = "autoregressive"));
+
 /// Everything a blob knows of text.
 #[derive(Debug, Clone, Copy)]
 pub struct Text<'a> {
     width: usize,
     max_words: usize,
     encoder: Option<TextEncoder<'a>>,
+    /// Prompts are vectors.
+    vectors: bool,
     length: Linear<'a>,
     meanings: Option<Meanings<'a>>,
     bank: Bank<'a>,
@@ -36,7 +41,8 @@ impl<'a> Text<'a> {
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(tensors: &mut Tensors<'a>, config: &TextConfig<'a>, max_tokens: u16) -> Result<Self, Error> {
-        let encoder = match &config.encoder {
+        let vectors = VECTORS && config.encoder == TextEncoding::Vectors;
+        let encoder = match config.encoder.words() {
             Some(encoder) if cfg!(feature = "text") => {
                 if encoder.transformer.width != config.width {
                     let (found, limit) = (u32::from(encoder.transformer.width), u32::from(config.width));
@@ -47,17 +53,21 @@ impl<'a> Text<'a> {
             _ => None,
         };
         let index = tensors.index();
-        let length = Linear::open(tensors, config.width, max_tokens)?;
+        let length = match config.length {
+            TextLength::Unsaid if VECTORS => Linear::none(config.width),
+            _ => Linear::open(tensors, config.width, max_tokens)?,
+        };
         let meanings = Meanings::open(tensors, &config.bank, config.width)?;
-        let bank = Bank::open(tensors, config.bank.names(), config.width, config.max_words)?;
+        let bank = Bank::open(tensors, config.bank.names(), config.width, if vectors { 0 } else { config.max_words })?;
         // Guidance needs the prompt that says nothing, from one of the two.
-        if encoder.is_none() && bank.get(bank::UNCONDITIONAL).is_none() {
+        if encoder.is_none() && !vectors && bank.get(bank::UNCONDITIONAL).is_none() {
             return Err(Error::Config { what: "text.bank without <none>", found: bank.len() as u32, limit: 0 });
         }
         let text = Text {
             width: usize::from(config.width),
             max_words: usize::from(config.max_words),
             encoder,
+            vectors,
             length,
             meanings,
             bank,
@@ -85,6 +95,12 @@ impl<'a> Text<'a> {
     #[must_use]
     pub const fn encoder(&self) -> Option<&TextEncoder<'a>> {
         if cfg!(feature = "text") { self.encoder.as_ref() } else { None }
+    }
+
+    /// Whether prompts are vectors, beside the stored ones.
+    #[must_use]
+    pub const fn takes_vectors(&self) -> bool {
+        VECTORS && self.vectors
     }
 
     /// What a free text asks for one thing behind the other; all of it as one where a part has no word that the model knows.
@@ -118,6 +134,10 @@ impl<'a> Text<'a> {
     #[must_use]
     pub fn bound(&self) -> f32 {
         let encoder = self.encoder().map_or(0.0, TextEncoder::bound);
-        if encoder > bank::MAX_VALUE || self.bank.is_empty() { encoder } else { bank::MAX_VALUE }
+        if encoder > bank::MAX_VALUE || (self.bank.is_empty() && !self.takes_vectors()) {
+            encoder
+        } else {
+            bank::MAX_VALUE
+        }
     }
 }

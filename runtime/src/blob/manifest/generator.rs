@@ -15,6 +15,48 @@ pub enum Generator {
     },
     /// Transition masked diffusion of tokens, given a text (EQUATIONS section 4).
     Tmd(PlannerConfig),
+    /// All tokens at once, the least certain ones again (MoMask 3.4, ControlMM 3.1), given a vector.
+    Masked(PrefixConfig),
+    /// A token at a time until the class that ends the motion (T2M-GPT 3.2), given a vector.
+    Autoregressive(PrefixConfig),
+}
+
+/// A planner in front of whose tokens one row says what is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PrefixConfig {
+    /// Longest motion, tokens.
+    pub max_tokens: u16,
+    /// Its blocks.
+    pub transformer: TransformerConfig,
+    /// How rows become logits.
+    pub head: HeadConfig,
+    /// Guidance that it is made for, 1 for none; two passes, the second given a vector of zeros.
+    pub guidance: f32,
+    /// What plans the codes of the further quantizers; `None`: they add nothing.
+    pub residual: Option<ResidualConfig>,
+}
+
+/// What comes behind the last block.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub enum HeadConfig {
+    /// A norm with the blocks' epsilon, then logits.
+    Norm,
+    /// A linear layer, GELU, a norm, then logits.
+    Dense {
+        /// Added to the variance under the norm's root.
+        epsilon: f32,
+    },
+}
+
+/// The planner of all quantizers but the first, a pass each (MoMask 3.4).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ResidualConfig {
+    /// Its blocks.
+    pub transformer: TransformerConfig,
+    /// Added to the variance under the root of the norm in front of the logits.
+    pub epsilon: f32,
+    /// Guidance that it is made for, as [`PrefixConfig::guidance`].
+    pub guidance: f32,
 }
 
 /// The TMD planner.
@@ -60,9 +102,13 @@ pub struct ControlConfig {
 
 impl Generator {
     pub(super) fn read(from: &mut Reader<'_>) -> Self {
-        match from.kind("generator", 2) {
+        match from.kind("generator", 4) {
             0 => Generator::Given { max_tokens: from.short() },
-            _ => Generator::Tmd(PlannerConfig::read(from)),
+            1 => Generator::Tmd(PlannerConfig::read(from)),
+            2 if cfg!(feature = "masked") => Generator::Masked(PrefixConfig::read(from)),
+            2 => from.not_linked("masked"),
+            _ if cfg!(feature = "autoregressive") => Generator::Autoregressive(PrefixConfig::read(from)),
+            _ => from.not_linked("autoregressive"),
         }
     }
 
@@ -72,25 +118,60 @@ impl Generator {
         match self {
             Generator::Given { max_tokens } => *max_tokens,
             Generator::Tmd(planner) => planner.max_tokens,
+            Generator::Masked(planner) | Generator::Autoregressive(planner) => planner.max_tokens,
         }
     }
 
-    /// The planner, if there is one.
+    /// The TMD planner, if it is one.
     #[must_use]
     pub const fn planner(&self) -> Option<&PlannerConfig> {
-        match self {
-            Generator::Given { .. } => None,
-            Generator::Tmd(planner) => Some(planner),
-        }
+        if let Generator::Tmd(planner) = self { Some(planner) } else { None }
+    }
+
+    /// The planner that is given a vector, if it is one.
+    #[must_use]
+    pub const fn prefix(&self) -> Option<&PrefixConfig> {
+        if let Generator::Masked(planner) | Generator::Autoregressive(planner) = self { Some(planner) } else { None }
     }
 
     /// Anchor control of the planner, if there is one.
     #[must_use]
     pub const fn control(&self) -> Option<&ControlConfig> {
-        match self {
-            Generator::Given { .. } => None,
-            Generator::Tmd(planner) => planner.control.as_ref(),
+        if let Generator::Tmd(planner) = self { planner.control.as_ref() } else { None }
+    }
+}
+
+impl Default for Generator {
+    /// Nothing, of no length: what stands where a manifest could not be read.
+    fn default() -> Self {
+        Generator::Given { max_tokens: 0 }
+    }
+}
+
+impl PrefixConfig {
+    fn read(from: &mut Reader<'_>) -> Self {
+        PrefixConfig {
+            max_tokens: from.short(),
+            transformer: transformer(from),
+            head: match from.kind("generator.head", 2) {
+                0 => HeadConfig::Norm,
+                _ => HeadConfig::Dense { epsilon: from.single() },
+            },
+            guidance: from.single(),
+            residual: ResidualConfig::read(from),
         }
+    }
+}
+
+impl ResidualConfig {
+    fn read(from: &mut Reader<'_>) -> Option<Self> {
+        if from.kind("generator.residual", 2) == 0 {
+            return None;
+        }
+        if !cfg!(feature = "residual") {
+            return from.not_linked("residual");
+        }
+        Some(ResidualConfig { transformer: transformer(from), epsilon: from.single(), guidance: from.single() })
     }
 }
 

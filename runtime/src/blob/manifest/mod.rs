@@ -11,9 +11,11 @@ mod representation;
 mod text;
 
 pub use codec::{Codec, DecoderConfig, MAX_BLOCKS, MAX_CONVOLUTIONS, MAX_STAGES};
-pub use generator::{ControlConfig, Generator, Guidance, PlannerConfig};
+pub use generator::{ControlConfig, Generator, Guidance, HeadConfig, PlannerConfig, PrefixConfig, ResidualConfig};
 pub use representation::{HumanMl3d, Representation, SKELETON_BYTES, Skeleton};
-pub use text::{MAX_BANK, MAX_VOCABULARY, PhraseBank, TextConfig, TextEncoderConfig, TextLength, TextTable};
+pub use text::{
+    MAX_BANK, MAX_VOCABULARY, PhraseBank, TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable,
+};
 
 use super::Error;
 pub(super) use reader::Reader;

@@ -90,6 +90,13 @@ impl<'a> Reader<'a> {
         0
     }
 
+    /// Refuses a section of a family that this build was made without.
+    #[inline(never)]
+    pub fn not_linked<T: Default>(&mut self, feature: &'static str) -> T {
+        self.fail(Error::NotLinked { feature });
+        T::default()
+    }
+
     /// The length of the next list, at most `limit`.
     #[inline(never)]
     pub fn length(&mut self, what: &'static str, limit: u16) -> u16 {

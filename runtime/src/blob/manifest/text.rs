@@ -16,12 +16,23 @@ pub struct TextConfig<'a> {
     pub width: u16,
     /// Longest prompt, words.
     pub max_words: u16,
-    /// Encoder; `None`: stored prompts only.
-    pub encoder: Option<TextEncoderConfig<'a>>,
+    /// How prompts come in.
+    pub encoder: TextEncoding<'a>,
     /// How long a motion the text asks for.
     pub length: TextLength,
     /// Stored prompts.
     pub bank: PhraseBank<'a>,
+}
+
+/// How prompts come in.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub enum TextEncoding<'a> {
+    /// As names of stored ones alone.
+    Stored,
+    /// In words, which an encoder reads.
+    Words(TextEncoderConfig<'a>),
+    /// As vectors of an encoder elsewhere, or names of stored ones.
+    Vectors,
 }
 
 /// Words to memory rows.
@@ -53,6 +64,8 @@ pub enum TextTable<'a> {
 pub enum TextLength {
     /// A linear layer of the pooled vector: logits of 1 token to the longest motion.
     Head,
+    /// The text does not: the request says it, or the planner where it ends.
+    Unsaid,
 }
 
 /// Texts that the blob brings along.
@@ -81,19 +94,28 @@ impl<'a> TextConfig<'a> {
         Some(TextConfig {
             width: from.short(),
             max_words: from.short(),
-            encoder: TextEncoderConfig::read(from),
+            encoder: TextEncoding::read(from),
             length: TextLength::read(from),
             bank: PhraseBank::read(from),
         })
     }
 }
 
-impl<'a> TextEncoderConfig<'a> {
-    fn read(from: &mut Reader<'a>) -> Option<Self> {
-        if from.kind("text.encoder", 2) == 0 {
-            return None;
+impl<'a> TextEncoding<'a> {
+    fn read(from: &mut Reader<'a>) -> Self {
+        match from.kind("text.encoder", 3) {
+            0 => TextEncoding::Stored,
+            1 => {
+                TextEncoding::Words(TextEncoderConfig { table: TextTable::read(from), transformer: transformer(from) })
+            }
+            _ => TextEncoding::Vectors,
         }
-        Some(TextEncoderConfig { table: TextTable::read(from), transformer: transformer(from) })
+    }
+
+    /// The encoder of words, if there is one.
+    #[must_use]
+    pub const fn words(&self) -> Option<&TextEncoderConfig<'a>> {
+        if let TextEncoding::Words(encoder) = self { Some(encoder) } else { None }
     }
 }
 
@@ -108,8 +130,7 @@ impl<'a> TextTable<'a> {
 
 impl TextLength {
     fn read(from: &mut Reader<'_>) -> Self {
-        from.kind("text.length", 1);
-        TextLength::Head
+        if from.kind("text.length", 2) == 0 { TextLength::Head } else { TextLength::Unsaid }
     }
 }
 

@@ -19,6 +19,9 @@ pub struct Condition<'w> {
     values: &'w mut [i8],
     /// `[layers][H][n]`
     value_scales: &'w mut [f32],
+    /// Low planes of keys and values, where these have 16 bits.
+    #[cfg(feature = "wide-layers")]
+    low: (&'w mut [i8], &'w mut [i8]),
 }
 
 impl<'w> Condition<'w> {
@@ -40,6 +43,11 @@ impl<'w> Condition<'w> {
             values: arena.take(numbers)?,
             key_scales: arena.take(scales)?,
             value_scales: arena.take(scales)?,
+            #[cfg(feature = "wide-layers")]
+            low: {
+                let numbers = if planner.wide() { numbers } else { 0 };
+                (arena.take(numbers)?, arena.take(numbers)?)
+            },
         })
     }
 
@@ -51,10 +59,14 @@ impl<'w> Condition<'w> {
         let of_numbers = layer * numbers..(layer + 1) * numbers;
         Segment {
             rows: self.rows,
+            #[cfg(feature = "autoregressive")]
+            room: self.rows,
             keys: part!(self.keys, of_numbers.clone()),
             key_scales: part!(self.key_scales, of_scales.clone()),
-            values: part!(self.values, of_numbers),
+            values: part!(self.values, of_numbers.clone()),
             value_scales: part!(self.value_scales, of_scales),
+            #[cfg(feature = "wide-layers")]
+            low: (self.low.0.get(of_numbers.clone()).unwrap_or(&[]), self.low.1.get(of_numbers).unwrap_or(&[])),
         }
     }
 
@@ -67,8 +79,13 @@ impl<'w> Condition<'w> {
             rows: self.rows,
             keys: part_mut!(self.keys, of_numbers.clone()),
             key_scales: part_mut!(self.key_scales, of_scales.clone()),
-            values: part_mut!(self.values, of_numbers),
+            values: part_mut!(self.values, of_numbers.clone()),
             value_scales: part_mut!(self.value_scales, of_scales),
+            #[cfg(feature = "wide-layers")]
+            low: (
+                self.low.0.get_mut(of_numbers.clone()).unwrap_or(&mut []),
+                self.low.1.get_mut(of_numbers).unwrap_or(&mut []),
+            ),
         }
     }
 }

@@ -58,6 +58,8 @@ impl Default for Planning<'_> {
 pub enum PlanningError {
     /// The model has no planner, or knows no text: it cannot make tokens.
     NoPlanner,
+    /// The planner ended the motion before its first token.
+    Nothing,
     /// The motion is to be empty, or longer than the model allows.
     Length {
         /// Tokens asked for.
@@ -117,6 +119,11 @@ impl core::fmt::Display for PlanningError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match *self {
             PlanningError::NoPlanner => write!(f, "the model has no planner: it cannot make tokens from text"),
+            // Nobody makes it: nothing is said of it.
+            PlanningError::Nothing if !cfg!(feature = "autoregressive") => Ok(()),
+            PlanningError::Nothing => {
+                write!(f, "the planner ended the motion before its first token: give its length, or another seed")
+            }
             PlanningError::Length { found, limit } => {
                 write!(f, "the motion is to have {found} tokens, allowed are 1 to {limit}")
             }

@@ -1,11 +1,13 @@
 //! How tokens come to be: the seam between the network that proposes and the rule that decides.
 
 use super::Planning;
+use super::head::Head;
+#[cfg(feature = "masked")]
+use super::masked::{self, Masked};
 use super::tmd::{self, Tmd};
-use super::transformer::Planner;
 use crate::codec::codebook::Codebooks;
 use crate::memory::{Arena, ArenaTooSmall};
-use crate::nn::block::BlockScratch;
+use crate::nn::block::{BlockScratch, Sizes};
 use crate::numerics::hash::Stream;
 
 /// Positions whose logits are computed together: those of more would take more memory than a pass.
@@ -19,11 +21,16 @@ pub trait TokenSampler {
     /// What a step works in.
     type Work<'s>: core::fmt::Debug;
 
-    /// Takes what a step works in, for tokens of `codebooks`.
+    /// Takes what a step works in, for so many tokens of `codebooks`.
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
-    fn layout<'s>(&self, arena: &mut Arena<'s>, codebooks: &Codebooks<'_>) -> Result<Self::Work<'s>, ArenaTooSmall>;
+    fn layout<'s>(
+        &self,
+        arena: &mut Arena<'s>,
+        tokens: usize,
+        codebooks: &Codebooks<'_>,
+    ) -> Result<Self::Work<'s>, ArenaTooSmall>;
 
     /// Multiply-accumulates of one position in one step, its logits left out.
     fn macs(&self, codebooks: &Codebooks<'_>) -> u64;
@@ -31,11 +38,11 @@ pub trait TokenSampler {
     /// The tokens before the first pass.
     fn begin(&self, planning: &Planning<'_>, codes: usize, random: &mut Stream, tokens: &mut [u16]);
 
-    /// Moves the tokens on by one step, from time `times.0` to `times.1`, both 0 to 1, and leaves what it would end with in
+    /// Moves the tokens on by the planning's step `step`, counted from 0, which is not the last, and leaves what it would end with in
     /// `proposals`.
     fn step(
         &self,
-        times: (f32, f32),
+        step: u16,
         logits: &mut Logits<'_, '_, '_>,
         codebooks: &Codebooks<'_>,
         work: &mut Self::Work<'_>,
@@ -62,7 +69,7 @@ pub struct Draw<'d> {
 /// Logits of the positions of a pass, computed a few at a time.
 #[derive(Debug)]
 pub struct Logits<'l, 'b, 's> {
-    planner: &'l Planner<'b>,
+    head: &'l Head<'b>,
     /// Hidden rows, `[L][d]`.
     rows: &'l [f32],
     scratch: BlockScratch<'s>,
@@ -75,19 +82,20 @@ impl<'l, 'b, 's> Logits<'l, 'b, 's> {
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
-    pub(super) fn new(planner: &'l Planner<'b>, rows: &'l [f32], arena: &mut Arena<'s>) -> Result<Self, ArenaTooSmall> {
-        let scratch = BlockScratch::new(arena, &planner.logits_sizes(TOGETHER))?;
-        let block = arena.take(TOGETHER * planner.codes())?;
-        Ok(Logits { planner, rows, scratch, block })
+    pub(super) fn new(head: &'l Head<'b>, rows: &'l [f32], arena: &mut Arena<'s>) -> Result<Self, ArenaTooSmall> {
+        let (inputs, outputs) = (head.out().inputs(), head.out().outputs());
+        let scratch = BlockScratch::new(arena, &Sizes { rows: TOGETHER, inputs, outputs, ..Sizes::default() })?;
+        let block = arena.take(TOGETHER * outputs)?;
+        Ok(Logits { head, rows, scratch, block })
     }
 
     /// Hands position and logits `[V]` of every position to `take`, in order; it may overwrite them.
     pub fn each(&mut self, mut take: impl FnMut(usize, &mut [f32])) {
-        let Logits { planner, rows, scratch, block } = self;
-        let (width, codes) = (planner.width().max(1), planner.codes().max(1));
+        let Logits { head, rows, scratch, block } = self;
+        let (width, codes) = (head.out().inputs().max(1), head.out().outputs().max(1));
         for (index, rows) in rows.chunks(TOGETHER * width).enumerate() {
             let block = part_mut!(block, ..rows.len() / width * codes);
-            planner.logits(rows, block, scratch);
+            head.logits(rows, block, scratch);
             for (i, logits) in block.chunks_exact_mut(codes).enumerate() {
                 take(index * TOGETHER + i, logits);
             }
@@ -95,8 +103,8 @@ impl<'l, 'b, 's> Logits<'l, 'b, 's> {
     }
 
     /// The buffer of the first position's logits, `[V]`, as [`Logits::each`] left it.
-    pub(super) fn first(self) -> &'s [f32] {
-        part!(self.block, ..self.planner.codes())
+    pub(super) fn first(self) -> &'s mut [f32] {
+        part_mut!(self.block, ..self.head.out().outputs())
     }
 }
 
@@ -105,6 +113,12 @@ impl<'l, 'b, 's> Logits<'l, 'b, 's> {
 pub enum Sampler {
     /// Token metric diffusion.
     Tmd(Tmd),
+    /// Confidence re-masking.
+    #[cfg(feature = "masked")]
+    Masked(Masked),
+    /// A token at a time ([`super::Session::extend`]): there are no steps.
+    #[cfg(feature = "autoregressive")]
+    InTurn,
 }
 
 /// What their steps work in.
@@ -112,45 +126,76 @@ pub enum Sampler {
 pub enum Work<'s> {
     /// Of [`Sampler::Tmd`].
     Tmd(tmd::Work<'s>),
+    /// Of [`Sampler::Masked`].
+    #[cfg(feature = "masked")]
+    Masked(masked::Work<'s>),
+    /// Of [`Sampler::InTurn`].
+    #[cfg(feature = "autoregressive")]
+    InTurn,
 }
 
 impl TokenSampler for Sampler {
     type Work<'s> = Work<'s>;
 
-    fn layout<'s>(&self, arena: &mut Arena<'s>, codebooks: &Codebooks<'_>) -> Result<Work<'s>, ArenaTooSmall> {
+    fn layout<'s>(
+        &self,
+        arena: &mut Arena<'s>,
+        tokens: usize,
+        codebooks: &Codebooks<'_>,
+    ) -> Result<Work<'s>, ArenaTooSmall> {
         match self {
-            Sampler::Tmd(tmd) => tmd.layout(arena, codebooks).map(Work::Tmd),
+            Sampler::Tmd(tmd) => tmd.layout(arena, tokens, codebooks).map(Work::Tmd),
+            #[cfg(feature = "masked")]
+            Sampler::Masked(masked) => masked.layout(arena, tokens, codebooks).map(Work::Masked),
+            #[cfg(feature = "autoregressive")]
+            Sampler::InTurn => Ok(Work::InTurn),
         }
     }
 
     fn macs(&self, codebooks: &Codebooks<'_>) -> u64 {
         match self {
             Sampler::Tmd(tmd) => tmd.macs(codebooks),
+            #[cfg(feature = "masked")]
+            Sampler::Masked(masked) => masked.macs(codebooks),
+            #[cfg(feature = "autoregressive")]
+            Sampler::InTurn => 0,
         }
     }
 
     fn begin(&self, planning: &Planning<'_>, codes: usize, random: &mut Stream, tokens: &mut [u16]) {
         match self {
             Sampler::Tmd(tmd) => tmd.begin(planning, codes, random, tokens),
+            #[cfg(feature = "masked")]
+            Sampler::Masked(masked) => masked.begin(planning, codes, random, tokens),
+            #[cfg(feature = "autoregressive")]
+            Sampler::InTurn => {}
         }
     }
 
     fn step(
         &self,
-        times: (f32, f32),
+        step: u16,
         logits: &mut Logits<'_, '_, '_>,
         codebooks: &Codebooks<'_>,
         work: &mut Work<'_>,
         draw: Draw<'_>,
     ) {
         match (self, work) {
-            (Sampler::Tmd(tmd), Work::Tmd(work)) => tmd.step(times, logits, codebooks, work, draw),
+            (Sampler::Tmd(tmd), Work::Tmd(work)) => tmd.step(step, logits, codebooks, work, draw),
+            #[cfg(feature = "masked")]
+            (Sampler::Masked(masked), Work::Masked(work)) => masked.step(step, logits, codebooks, work, draw),
+            #[cfg(any(feature = "masked", feature = "autoregressive"))]
+            _ => invariant!(false, "a sampler takes steps, in what it took"),
         }
     }
 
     fn finish(&self, logits: &mut Logits<'_, '_, '_>, work: &mut Work<'_>, draw: Draw<'_>) {
         match (self, work) {
             (Sampler::Tmd(tmd), Work::Tmd(work)) => tmd.finish(logits, work, draw),
+            #[cfg(feature = "masked")]
+            (Sampler::Masked(masked), Work::Masked(work)) => masked.finish(logits, work, draw),
+            #[cfg(any(feature = "masked", feature = "autoregressive"))]
+            _ => invariant!(false, "a sampler takes steps, in what it took"),
         }
     }
 }

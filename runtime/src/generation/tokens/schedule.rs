@@ -16,6 +16,7 @@ pub enum Schedule {
 impl Schedule {
     /// `t_k` of `steps` steps; `t_S = 1`.
     #[must_use]
+    #[inline(never)]
     pub fn time(self, step: u16, steps: u16) -> f32 {
         if step >= steps {
             return 1.0;

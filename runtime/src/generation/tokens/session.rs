@@ -3,6 +3,8 @@
 use super::condition::Condition;
 use super::length;
 use super::request::Planning;
+#[cfg(feature = "residual")]
+use super::residual::Residual;
 use super::sampler::{Draw, Logits, TokenSampler};
 use super::transformer::{Input, Planner};
 use crate::codec::codebook::Codebooks;
@@ -15,10 +17,10 @@ use crate::numerics::hash::Stream;
 use crate::request::conditions::AnchorSet;
 use crate::request::prompt::{Prompt, PromptError, PromptStats};
 use crate::stop::{Check, Stop};
-use crate::text::Text;
 use crate::text::bank;
 use crate::text::meaning::{Meanings, Understood};
 use crate::text::words::UNCONDITIONAL;
+use crate::text::{Text, VECTORS};
 use core::ops::ControlFlow;
 
 /// What is worked in; there is room for it, since the session took as much.
@@ -64,6 +66,9 @@ pub struct Modules<'m, 'b> {
     pub control: Option<&'m AnchorControl<'b>>,
     /// The metric's code vectors.
     pub codebooks: &'m Codebooks<'b>,
+    /// Planner of the further quantizers.
+    #[cfg(feature = "residual")]
+    pub residual: Option<&'m Residual<'b>>,
 }
 
 /// Buffer lengths of a session.
@@ -81,11 +86,34 @@ struct Lengths {
     x: usize,
     own: usize,
     own_scales: usize,
+    /// Of low planes of keys and values.
+    #[cfg(feature = "wide-layers")]
+    own_low: usize,
     guided: usize,
+    /// Rows whose keys and values are kept from one token to the next.
+    cached: usize,
     /// Of reading anchors.
     work: usize,
     /// Of a pass.
     sizes: Sizes,
+}
+
+#[cfg(feature = "residual")]
+impl Lengths {
+    /// Those that serve the planner of further quantizers as well.
+    fn with(self, residual: &Residual<'_>) -> Self {
+        let (rows, width) = (2 + self.tokens, residual.width());
+        Lengths {
+            x: self.x.max(rows * width),
+            own: self.own.max(rows * width),
+            #[cfg(feature = "wide-layers")]
+            own_low: self.own_low.max(if residual.wide() { self.own.max(rows * width) } else { 0 }),
+            own_scales: self.own_scales.max(rows * residual.heads().count),
+            guided: self.guided.max(if residual.guided() { self.tokens * width } else { 0 }),
+            sizes: self.sizes.with(residual.sizes(self.tokens)),
+            ..self
+        }
+    }
 }
 
 /// PlanningBytes of a session by purpose.
@@ -124,6 +152,9 @@ struct Pass<'s> {
     values: &'s mut [i8],
     key_scales: &'s mut [f32],
     value_scales: &'s mut [f32],
+    /// Low planes of keys and values, where these have 16 bits.
+    #[cfg(feature = "wide-layers")]
+    low: (&'s mut [i8], &'s mut [i8]),
     scratch: BlockScratch<'s>,
     /// Rows of the pass that knows the prompt, `[L][d]`; none without guidance.
     guided: &'s mut [f32],
@@ -138,6 +169,8 @@ impl<'s> Pass<'s> {
             values: arena.take(l.own)?,
             key_scales: arena.take(l.own_scales)?,
             value_scales: arena.take(l.own_scales)?,
+            #[cfg(feature = "wide-layers")]
+            low: (arena.take(l.own_low)?, arena.take(l.own_low)?),
             scratch: BlockScratch::new(arena, &l.sizes)?,
             guided: arena.take(l.guided)?,
             work: arena.take(l.work)?,
@@ -147,11 +180,41 @@ impl<'s> Pass<'s> {
     /// For so many rows.
     fn rows(&mut self, rows: usize) -> StackScratch<'_, 's> {
         let Pass { keys, values, key_scales, value_scales, scratch, .. } = self;
-        StackScratch { own: SegmentMut { rows, keys, key_scales, values, value_scales }, block: scratch }
+        StackScratch {
+            own: SegmentMut {
+                rows,
+                keys,
+                key_scales,
+                values,
+                value_scales,
+                #[cfg(feature = "wide-layers")]
+                low: (self.low.0, self.low.1),
+            },
+            block: scratch,
+        }
+    }
+}
+
+impl<'r> Reading<'r> {
+    /// Of a prompt whose memory has so many rows.
+    const fn of(prompt: &Prompt<'r>, rows: usize) -> Self {
+        match *prompt {
+            Prompt::Bank(name) => Reading::Stored(name),
+            #[cfg(any(feature = "masked", feature = "autoregressive"))]
+            Prompt::Vector(vector) => Reading::Vector(vector),
+            _ => Reading::Words(rows),
+        }
     }
 }
 
 impl<'m, 'b> Modules<'m, 'b> {
+    /// Quantizers of a planned motion: planners that read words know one.
+    #[must_use]
+    pub const fn quantizers(&self) -> usize {
+        let quantizers = self.codebooks.quantizers();
+        if VECTORS && quantizers > 1 { quantizers } else { 1 }
+    }
+
     /// Anchor control, where the blob has it and anchors are to condition the planner.
     fn control(&self, limits: &PlanningLimits) -> Option<&'m AnchorControl<'b>> {
         self.control.filter(|_| limits.anchors)
@@ -165,22 +228,35 @@ impl<'m, 'b> Modules<'m, 'b> {
         }
     }
 
-    /// Takes what tokens are drawn in, behind a pass that left hidden rows `[L][d]`.
+    /// Takes what so many tokens are drawn in, behind a pass that left hidden rows `[L][d]`.
     fn draw<'l, 's, S: TokenSampler>(
         &self,
         sampler: &S,
+        tokens: usize,
         rows: &'l [f32],
         arena: &mut Arena<'s>,
     ) -> Result<(Logits<'l, 'b, 's>, S::Work<'s>), ArenaTooSmall>
     where
         'm: 'l,
     {
-        Ok((Logits::new(self.planner, rows, arena)?, sampler.layout(arena, self.codebooks)?))
+        Ok((Logits::new(self.planner.head(), rows, arena)?, sampler.layout(arena, tokens, self.codebooks)?))
+    }
+
+    /// Bytes of drawing so many tokens.
+    fn draw_bytes(&self, tokens: usize) -> usize {
+        let drawn = Arena::measure(|arena| self.draw(self.planner.sampler(), tokens, &[], arena));
+        #[cfg(feature = "residual")]
+        if let Some(residual) = self.residual {
+            let head = residual.head(1);
+            let detail = Arena::measure(|arena| Logits::new(&head, &[], arena));
+            return if detail > drawn { detail } else { drawn };
+        }
+        drawn
     }
 
     /// Whether guidance takes a second pass.
     fn two_passes(&self, limits: &PlanningLimits) -> bool {
-        limits.guided && !self.planner.one_pass()
+        limits.guided && self.planner.two_passes()
     }
 
     fn lengths(&self, tokens: usize, limits: &PlanningLimits, rows: usize) -> Lengths {
@@ -190,13 +266,16 @@ impl<'m, 'b> Modules<'m, 'b> {
         let phrases = self.text.meanings().map_or(0, Meanings::len);
         let (words, memory) = (limits.words, most(limits.words, unconditional));
         let (d, dt) = (self.planner.width(), self.text.width());
-        let own_rows = 1 + tokens;
+        // Of a planner of a token at a time keys and values of all rows are kept, and one row passes.
+        let in_turn = self.planner.in_turn();
+        let (own_rows, cached) = if in_turn { (1, 1 + tokens) } else { (1 + tokens, 0) };
         let control = self.control(limits);
         let anchors = control.map_or((0, 0), |control| (tokens, control.biased_rows(tokens)));
         let mut sizes = self.planner.sizes(tokens, anchors.0, memory);
         let outputs = most(self.text.length().outputs(), phrases);
         sizes = sizes.with(Sizes { outputs, inputs: dt, ..Sizes::default() });
-        let (mut own, mut own_scales) = (own_rows * d, own_rows * self.planner.heads().count);
+        let kept = if in_turn { 0 } else { own_rows };
+        let (mut own, mut own_scales) = (kept * d, kept * self.planner.heads().count);
         if let Some(encoder) = self.text.encoder() {
             sizes = sizes.with(encoder.sizes(memory));
             own = most(own, memory * dt);
@@ -211,7 +290,7 @@ impl<'m, 'b> Modules<'m, 'b> {
             work = control.work();
         }
         sizes.rows = rows.clamp(LEAST_ROWS, MOST_ROWS);
-        Lengths {
+        let lengths = Lengths {
             words,
             unconditional,
             phrases,
@@ -220,10 +299,16 @@ impl<'m, 'b> Modules<'m, 'b> {
             x,
             own,
             own_scales,
+            #[cfg(feature = "wide-layers")]
+            own_low: if self.planner.wide() { own } else { 0 },
             guided: if guided { tokens * d } else { 0 },
+            cached,
             work,
             sizes,
-        }
+        };
+        #[cfg(feature = "residual")]
+        let lengths = self.residual.map_or(lengths, |residual| lengths.with(residual));
+        lengths
     }
 
     /// Arena bytes of [`Session::new`].
@@ -247,18 +332,24 @@ impl<'m, 'b> Modules<'m, 'b> {
 
     /// The same of one clause.
     fn macs_of(&self, tokens: usize, limits: &PlanningLimits) -> u64 {
-        let unconditional = if self.two_passes(limits) { self.unconditional_rows() } else { 0 };
+        let guided = self.two_passes(limits);
+        let unconditional = if guided { self.unconditional_rows() } else { 0 };
         let encode = |rows: usize| self.text.encoder().map_or(0, |encoder| encoder.macs(rows));
         let each = |rows: usize| {
-            if rows == 0 { 0 } else { encode(rows) + self.planner.read_macs(rows) }
+            if rows == 0 && !self.text.takes_vectors() { 0 } else { encode(rows) + self.planner.read_macs(rows) }
         };
         let (anchors, scaffold) = self.control(limits).map_or((0, 0), |control| (tokens, control.macs(tokens)));
         let meanings = self.text.meanings().map_or(0, |meanings| meanings.head().macs());
         let read = each(limits.words) + each(unconditional) + self.text.length().macs() + meanings + scaffold;
-        let guided = if unconditional == 0 { 0 } else { self.planner.pass_macs(tokens, 0, unconditional) };
+        let guided = if guided { self.planner.pass_macs(tokens, 0, unconditional) } else { 0 };
         let passes = self.planner.pass_macs(tokens, anchors, limits.words) + guided;
         let position = self.planner.logits_macs() + self.planner.sampler().macs(self.codebooks);
-        read + u64::from(limits.steps) * (passes + tokens as u64 * position)
+        // A token at a time is all rows once, each with those before it.
+        let steps = if self.planner.in_turn() { 1 } else { u64::from(limits.steps) };
+        let planned = read + steps * (passes + tokens as u64 * position);
+        #[cfg(feature = "residual")]
+        let planned = planned + self.residual.map_or(0, |residual| residual.macs(tokens));
+        planned
     }
 }
 
@@ -268,6 +359,9 @@ enum Reading<'r> {
     /// The words' ids are in the session.
     Words(usize),
     Stored(&'r str),
+    /// What stands for the whole prompt; empty: zeros, which say nothing.
+    #[cfg(any(feature = "masked", feature = "autoregressive"))]
+    Vector(&'r [f32]),
 }
 
 /// The planner at work on one request.
@@ -277,6 +371,9 @@ pub struct Session<'m, 'b, 'w> {
     text: Condition<'w>,
     unconditional: Condition<'w>,
     anchors: Condition<'w>,
+    /// Keys and values of the rows so far, of a planner of a token at a time.
+    #[cfg(feature = "autoregressive")]
+    cache: Condition<'w>,
     /// `[words]`
     words: &'w mut [u16],
     /// `[dt]`
@@ -316,6 +413,12 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let of_text = arena.used() - begin;
         let anchors = Condition::new(modules.planner, arena, l.anchors.0, l.anchors.1)?;
         let of_anchors = arena.used() - begin - of_text;
+        #[cfg(feature = "autoregressive")]
+        let mut cache = Condition::new(modules.planner, arena, l.cached, 0)?;
+        #[cfg(feature = "autoregressive")]
+        {
+            cache.rows = l.cached;
+        }
         let words = arena.take(l.words)?;
         let pooled = arena.take(modules.text.width())?;
         let lengths = arena.take(modules.text.length().outputs())?;
@@ -327,7 +430,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             anchors: of_anchors,
             rows: arena.used() - begin - of_text - of_anchors,
             pass: Arena::measure(|arena| Pass::new(arena, &l)),
-            draw: Arena::measure(|arena| modules.draw(modules.planner.sampler(), &[], arena)),
+            draw: modules.draw_bytes(l.tokens),
         };
         let spare = arena.part(bytes.working())?;
         let (predicted, needed) = (0, l);
@@ -336,6 +439,8 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             text,
             unconditional,
             anchors,
+            #[cfg(feature = "autoregressive")]
+            cache,
             words,
             pooled,
             lengths,
@@ -361,13 +466,11 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let rows = self.modules.text.rows(prompt)?;
         let heard = match *prompt {
             Prompt::Text(text) => self.modules.text.ids(text, self.words)?,
-            Prompt::Bank(_) => PromptStats { words: u16::try_from(rows).unwrap_or(u16::MAX), ..PromptStats::default() },
+            Prompt::Bank(_) | Prompt::Vector(_) => {
+                PromptStats { words: u16::try_from(rows).unwrap_or(u16::MAX), ..PromptStats::default() }
+            }
         };
-        let reading = match *prompt {
-            Prompt::Text(_) => Reading::Words(rows),
-            Prompt::Bank(name) => Reading::Stored(name),
-        };
-        Ok(match self.read_both(reading, check) {
+        Ok(match self.read_both(Reading::of(prompt, rows), check) {
             ControlFlow::Continue(understood) => ControlFlow::Continue(PromptStats { understood, ..heard }),
             ControlFlow::Break(stop) => ControlFlow::Break(stop),
         })
@@ -385,6 +488,8 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
             return ControlFlow::Continue(understood);
         }
         let unconditional = match self.modules.text.encoder() {
+            #[cfg(any(feature = "masked", feature = "autoregressive"))]
+            None if self.modules.text.takes_vectors() => Reading::Vector(&[]),
             None => Reading::Stored(bank::UNCONDITIONAL),
             Some(_) => {
                 if let Some(word) = self.words.first_mut() {
@@ -419,6 +524,13 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
                     memory
                 }
             },
+            #[cfg(any(feature = "masked", feature = "autoregressive"))]
+            Reading::Vector(vector) => {
+                for (i, to) in self.pooled.iter_mut().enumerate() {
+                    *to = vector.get(i).copied().unwrap_or(0.0);
+                }
+                &mut []
+            }
         };
         let condition = if unconditional { &mut self.unconditional } else { &mut self.text };
         planner.read(memory, self.pooled, condition, &mut pass.scratch, check)
@@ -489,21 +601,14 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let width = planner.width();
         let row = part!(self.x, (1 + position) * width..(2 + position) * width);
         let mut spare = self.spare.overlay();
-        let mut logits = worked_in!(Logits::new(planner, row, &mut spare), &[]);
+        let mut logits = worked_in!(Logits::new(planner.head(), row, &mut spare), &[]);
         logits.each(|_, _| {});
         logits.first()
     }
 
-    /// Moves `tokens` on by one step of the model's sampler, from time `times.0` to `times.1` by the last pass; without times it is the
-    /// last step.
-    pub fn advance(
-        &mut self,
-        planning: &Planning<'_>,
-        times: Option<(f32, f32)>,
-        random: &mut Stream,
-        tokens: &mut [u16],
-    ) {
-        self.advance_by(self.modules.planner.sampler(), planning, times, random, tokens);
+    /// Moves `tokens` on by step `step` of the model's sampler, counted from 0, by the last pass; without a step it is the last one.
+    pub fn advance(&mut self, planning: &Planning<'_>, step: Option<u16>, random: &mut Stream, tokens: &mut [u16]) {
+        self.advance_by(self.modules.planner.sampler(), planning, step, random, tokens);
     }
 
     /// The same by another sampler, which must not need more memory than the model's.
@@ -511,17 +616,17 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         &mut self,
         sampler: &S,
         planning: &Planning<'_>,
-        times: Option<(f32, f32)>,
+        step: Option<u16>,
         random: &mut Stream,
         tokens: &mut [u16],
     ) {
         let (modules, width) = (self.modules, self.modules.planner.width());
         let rows = part!(self.x, width..(1 + tokens.len()) * width);
         let mut spare = self.spare.overlay();
-        let (mut logits, mut work) = worked_in!(modules.draw(sampler, rows, &mut spare));
+        let (mut logits, mut work) = worked_in!(modules.draw(sampler, tokens.len(), rows, &mut spare));
         let draw = Draw { planning, random, tokens, proposals: self.proposal };
-        match times {
-            Some(times) => sampler.step(times, &mut logits, modules.codebooks, &mut work, draw),
+        match step {
+            Some(step) => sampler.step(step, &mut logits, modules.codebooks, &mut work, draw),
             None => sampler.finish(&mut logits, &mut work, draw),
         }
     }
@@ -530,5 +635,104 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
     #[must_use]
     pub fn proposal(&self) -> &[u16] {
         self.proposal
+    }
+
+    /// One more row of a planner of a token at a time: the first says what is asked for, row `at` beyond it `token`, which stands at position
+    /// `at - 1`. Logits `[V + 1]` of the next token; class V ends the motion.
+    ///
+    /// Breaks off when `check` says so; it is asked behind every block.
+    #[cfg(feature = "autoregressive")]
+    pub fn extend(&mut self, token: u16, at: usize, check: Check<'_>) -> ControlFlow<Stop, &mut [f32]> {
+        let planner = self.modules.planner;
+        let x = part_mut!(self.x, ..planner.width());
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(&mut []));
+        planner.extend((token, at), &self.text, &mut self.cache, x, &mut pass.scratch, check)?;
+        let mut spare = self.spare.overlay();
+        let mut logits = worked_in!(Logits::new(planner.head(), x, &mut spare), ControlFlow::Continue(&mut []));
+        logits.each(|_, _| {});
+        ControlFlow::Continue(logits.first())
+    }
+
+    /// The residual planner's pass for a quantizer from 1 on, two where it is guided, given the tokens `[L][Q]` of the quantizers before it: what
+    /// [`Session::draw_detail`] reads. Nothing without such a planner.
+    ///
+    /// Breaks off when `check` says so; it is asked behind every block.
+    #[cfg(feature = "residual")]
+    pub fn detail(
+        &mut self,
+        prompt: &Prompt<'_>,
+        quantizer: usize,
+        tokens: &[u16],
+        check: Check<'_>,
+    ) -> ControlFlow<Stop> {
+        let Modules { text, residual: Some(residual), codebooks, .. } = self.modules else {
+            return ControlFlow::Continue(());
+        };
+        let (quantizers, width) = (codebooks.quantizers().max(1), residual.width());
+        let length = tokens.len() / quantizers;
+        let x = part_mut!(self.x, ..(2 + length) * width);
+        let mut spare = self.spare.overlay();
+        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
+        let guided = core::mem::take(&mut pass.guided);
+        // What says nothing comes first: guidance leads from there.
+        for asked in [false, true] {
+            if !asked && !residual.guided() {
+                continue;
+            }
+            self.pooled.fill(0.0);
+            match *prompt {
+                Prompt::Vector(vector) if asked => {
+                    for (to, from) in self.pooled.iter_mut().zip(vector) {
+                        *to = *from;
+                    }
+                }
+                Prompt::Bank(name) if asked => {
+                    if let Some(entry) = text.bank().get(name) {
+                        entry.read(&mut [], self.pooled);
+                    }
+                }
+                _ => {}
+            }
+            let mut scratch = pass.rows(2 + length);
+            residual.forward(quantizer, self.pooled, (tokens, quantizers), x, &mut scratch, check)?;
+            let rows = x.iter_mut().skip(2 * width);
+            if !asked {
+                for (to, from) in guided.iter_mut().zip(rows) {
+                    *to = *from;
+                }
+            } else if residual.guided() {
+                for (with, without) in rows.zip(guided.iter()) {
+                    *with = *without + residual.guidance() * (*with - *without);
+                }
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Draws the tokens of a quantizer into `tokens [L][Q]` by the last [`Session::detail`]; class V, nothing, is one of them. What they were drawn
+    /// from is shown to `see`, position by position.
+    #[cfg(feature = "residual")]
+    pub fn draw_detail(
+        &mut self,
+        quantizer: usize,
+        planning: &Planning<'_>,
+        random: &mut Stream,
+        tokens: &mut [u16],
+        see: &mut dyn FnMut(&[f32]),
+    ) {
+        let Modules { residual: Some(residual), codebooks, .. } = self.modules else { return };
+        let (quantizers, width) = (codebooks.quantizers().max(1), residual.width());
+        let rows = part!(self.x, 2 * width..(2 + tokens.len() / quantizers) * width);
+        let mut spare = self.spare.overlay();
+        let head = residual.head(quantizer);
+        let mut logits = worked_in!(Logits::new(&head, rows, &mut spare));
+        logits.each(|i, logits| {
+            see(logits);
+            let drawn = planning.sampling.propose(logits, random);
+            if let Some(to) = tokens.get_mut(i * quantizers + quantizer) {
+                *to = drawn;
+            }
+        });
     }
 }

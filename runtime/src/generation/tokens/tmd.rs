@@ -88,7 +88,12 @@ impl Tmd {
 impl TokenSampler for Tmd {
     type Work<'s> = Work<'s>;
 
-    fn layout<'s>(&self, arena: &mut Arena<'s>, codebooks: &Codebooks<'_>) -> Result<Work<'s>, ArenaTooSmall> {
+    fn layout<'s>(
+        &self,
+        arena: &mut Arena<'s>,
+        _tokens: usize,
+        codebooks: &Codebooks<'_>,
+    ) -> Result<Work<'s>, ArenaTooSmall> {
         Ok(Work { weights: arena.take(codebooks.codes())?, units: arena.take(Metric::len(codebooks))? })
     }
 
@@ -107,7 +112,7 @@ impl TokenSampler for Tmd {
 
     fn step(
         &self,
-        (from, to): (f32, f32),
+        step: u16,
         logits: &mut Logits<'_, '_, '_>,
         codebooks: &Codebooks<'_>,
         work: &mut Work<'_>,
@@ -115,7 +120,9 @@ impl TokenSampler for Tmd {
     ) {
         // Computed anew in each step: it costs less than the memory that it would take from the passes.
         let metric = Metric::new(codebooks, work.units);
-        Self::advance(Some((&self.stride(from, to), &metric)), logits, work.weights, draw);
+        let time = |step| draw.planning.schedule.time(step, draw.planning.steps);
+        let stride = self.stride(time(step), time(step + 1));
+        Self::advance(Some((&stride, &metric)), logits, work.weights, draw);
     }
 
     fn finish(&self, logits: &mut Logits<'_, '_, '_>, work: &mut Work<'_>, draw: Draw<'_>) {

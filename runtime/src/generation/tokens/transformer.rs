@@ -1,57 +1,45 @@
-//! The planner: a bidirectional transformer that proposes clean tokens for noisy ones, given a text.
+//! The bidirectional or causal transformer that proposes clean tokens for noisy, masked or coming ones, given a text.
 //!
-//! Over rows `0..=L`, `L` the number of tokens `z`:
-//! row 0 = `global(pooled) + time[floor(32 t)] + boundary[2 start_open + end_open]`, and where guidance takes one pass
-//! `+ (1 - f) guidance[i] + f guidance[i + 1]`, `i + f` the strength of guidance, 0 to 4,
-//! row 1 + i = `token[z_i] + position[i] + end[L - 1 - i]` (the last only when the motion ends there) `+ fixed` (only where
-//! token i is given); blocks with self-attention over all rows and cross-attention to the text memory;
-//! `h = LN x`, `logits_i = token h_{1+i} + bias`, the token embeddings once more.
+//! Over rows `0..=L`, `L` the number of tokens `z`: row 0 says what is asked for, `global(pooled)`, row 1 + i says token i; what else they are
+//! made of is in [`super::inputs`]. Blocks with self-attention over all rows, or over those before, and cross-attention to the text memory where
+//! there is one; hidden rows `h` and `logits_i = out h_{1+i}` are in [`super::head`].
 //!
 //! With anchors that condition it ([`crate::conditioning::anchor_kv`]), self-attention reads their keys and values beside its own, and what they tell
 //! a row joins its sum as the last term. Without them nothing is added and nothing read: the bits are those of a planner that
 //! knows no anchors.
 
+use super::Planning;
 use super::condition::Condition;
-use super::request::MAX_GUIDANCE;
+use super::head::Head;
+use super::inputs::{self, Inputs, Timed};
 use super::sampler::Sampler;
 use super::tmd::Tmd;
-use crate::blob::{Error, Guidance, PlannerConfig, Tensors};
-use crate::model::MAX_MAGNITUDE;
+#[cfg(any(feature = "masked", feature = "autoregressive"))]
+use crate::blob::PrefixConfig;
+use crate::blob::{Error, HeadConfig, PlannerConfig, Tensors};
 use crate::nn::attention::Heads;
 use crate::nn::block::{BlockScratch, Sizes, Stack, StackScratch, below};
-use crate::nn::conv1d::larger;
-use crate::nn::embedding::{Embedding, add_row};
 use crate::nn::linear::Linear;
-use crate::nn::norm::{LayerNorm, MAX_INPUT};
+use crate::nn::norm::MAX_INPUT;
 use crate::stop::{Check, Stop};
 use crate::text::Text;
 use core::ops::ControlFlow;
-
-/// Time embeddings: time `t` takes number `floor(TIMES t)`.
-pub const TIMES: u16 = 32;
-/// Begin and end of a motion, each whole or open.
-const BOUNDARIES: u16 = 4;
-
-/// Rows of the strength of guidance, 0 to 4.
-pub const STRENGTHS: u16 = 5;
 
 /// The planner in flash.
 #[derive(Debug, Clone, Copy)]
 pub struct Planner<'a> {
     sampler: Sampler,
+    /// That it is made for, 1 for none.
+    #[cfg(any(feature = "masked", feature = "autoregressive"))]
+    guidance: f32,
+    /// Tokens `V`.
+    codes: u16,
     /// Index of its first tensor.
     first: u16,
     global: Linear<'a>,
-    time: Embedding<'a>,
-    boundary: Embedding<'a>,
-    position: Embedding<'a>,
-    end: Embedding<'a>,
-    fixed: Embedding<'a>,
-    /// Rows by the strength of guidance, where it takes one pass.
-    guidance: Option<Embedding<'a>>,
+    inputs: Inputs<'a>,
     stack: Stack<'a>,
-    norm: LayerNorm<'a>,
-    token: Linear<'a>,
+    head: Head<'a>,
 }
 
 /// What the planner sees beside the text.
@@ -62,51 +50,82 @@ pub struct Input<'i> {
     /// Time `t`, 0 to 1.
     pub time: f32,
     /// Which positions are given.
-    pub planning: &'i super::Planning<'i>,
+    pub planning: &'i Planning<'i>,
 }
 
 impl<'a> Planner<'a> {
-    /// Reads the planner from the next tensors. [`Planner::check`] is to follow.
+    /// Reads a planner of noisy tokens from the next tensors. [`Planner::check`] is to follow.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(tensors: &mut Tensors<'a>, config: &PlannerConfig, text: &Text<'_>, codes: u16) -> Result<Self, Error> {
         let PlannerConfig { transformer, max_tokens, c, a, guidance, .. } = *config;
         let memory = u16::try_from(text.width()).map_err(|_| Error::Manifest)?;
-        let width = transformer.width;
         let first = tensors.index();
-        let global = Linear::open(tensors, memory, width)?;
-        let mut table = |rows| Embedding::open(tensors, rows, width);
-        let (time, boundary) = (table(TIMES)?, table(BOUNDARIES)?);
-        let (position, end, fixed) = (table(max_tokens)?, table(max_tokens)?, table(1)?);
-        let guidance = match guidance {
-            Guidance::TwoPass => None,
-            Guidance::OnePass => Some(table(STRENGTHS)?),
-        };
+        let global = Linear::open(tensors, memory, transformer.width)?;
+        let inputs = Inputs::Timed(Timed::open(tensors, transformer.width, max_tokens, guidance)?);
         let stack = Stack::open(tensors, transformer, Some(memory))?;
-        let norm = LayerNorm::open(tensors, width, transformer.epsilon)?;
-        let token_index = tensors.index();
-        let token = Linear::open(tensors, width, codes)?;
-        if token.packed() {
-            // Its rows are embeddings as well.
-            return Err(Error::TensorShape { index: token_index, found: 0, expected: token.macs() as u32 });
-        }
-        // Guidance stretches hidden rows before they meet the token layer.
-        below(token.bound((1.0 + 2.0 * MAX_GUIDANCE) * norm.bound()), MAX_MAGNITUDE, token_index)?;
+        let head = Head::open(tensors, &transformer, HeadConfig::Norm, codes, true)?;
         Ok(Planner {
             sampler: Sampler::Tmd(Tmd { c, a }),
+            #[cfg(any(feature = "masked", feature = "autoregressive"))]
+            guidance: Planning::DEFAULT.guidance,
+            codes,
             first,
             global,
-            time,
-            boundary,
-            position,
-            end,
-            fixed,
-            guidance,
+            inputs,
             stack,
-            norm,
-            token,
+            head,
         })
+    }
+
+    /// Reads a masked planner from the next tensors. [`Planner::check`] is to follow.
+    ///
+    /// # Errors
+    /// Any [`Error`] of a tensor or configuration value.
+    #[cfg(feature = "masked")]
+    pub fn open_masked(
+        tensors: &mut Tensors<'a>,
+        config: &PrefixConfig,
+        text: &Text<'_>,
+        codes: u16,
+    ) -> Result<Self, Error> {
+        let sampler = Sampler::Masked(super::masked::Masked);
+        // Token V stands for what is to be planned.
+        Self::open_prefix(tensors, config, text, (codes, codes.saturating_add(1), codes), sampler)
+    }
+
+    /// Reads a planner of a token at a time from the next tensors. [`Planner::check`] is to follow.
+    ///
+    /// # Errors
+    /// Any [`Error`] of a tensor or configuration value.
+    #[cfg(feature = "autoregressive")]
+    pub fn open_in_turn(
+        tensors: &mut Tensors<'a>,
+        config: &PrefixConfig,
+        text: &Text<'_>,
+        codes: u16,
+    ) -> Result<Self, Error> {
+        // Class V ends the motion.
+        Self::open_prefix(tensors, config, text, (codes, codes, codes.saturating_add(1)), Sampler::InTurn)
+    }
+
+    #[cfg(any(feature = "masked", feature = "autoregressive"))]
+    fn open_prefix(
+        tensors: &mut Tensors<'a>,
+        config: &PrefixConfig,
+        text: &Text<'_>,
+        (codes, tokens, classes): (u16, u16, u16),
+        sampler: Sampler,
+    ) -> Result<Self, Error> {
+        let PrefixConfig { transformer, max_tokens, head, guidance, .. } = *config;
+        let width = u16::try_from(text.width()).map_err(|_| Error::Manifest)?;
+        let first = tensors.index();
+        let global = Linear::open(tensors, width, transformer.width)?;
+        let inputs = Inputs::Placed(inputs::Placed::open(tensors, transformer.width, tokens, max_tokens)?);
+        let stack = Stack::open(tensors, transformer, None)?;
+        let head = Head::open(tensors, &transformer, head, classes, false)?;
+        Ok(Planner { sampler, guidance, codes, first, global, inputs, stack, head })
     }
 
     /// Checks that activations stay finite when anchors tell a row no more than `share` in magnitude, and keys and values of
@@ -115,23 +134,55 @@ impl<'a> Planner<'a> {
     /// # Errors
     /// [`Error::Unbounded`].
     pub fn check(&self, text: &Text<'_>, (share, values): (f32, f32)) -> Result<(), Error> {
-        let tokens = self.position.bound() + self.end.bound() + self.fixed.bound() + self.token.largest();
-        let guidance = self.guidance.map_or(0.0, |table| table.bound());
-        let first = self.global.bound(text.bound()) + self.time.bound() + self.boundary.bound() + guidance;
-        let rows = below(larger(tokens, first) + share, MAX_INPUT, self.first)?;
-        self.stack.bound(rows, text.bound(), values).map(|_| ())
+        let rows = inputs::largest(self.inputs.bounds(self.head.out()), self.global.bound(text.bound()));
+        let rows = below(rows + share, MAX_INPUT, self.first)?;
+        let rows = self.stack.bound(rows, text.bound(), values)?;
+        below(self.head.inner_bound(rows), MAX_INPUT, self.first).map(|_| ())
     }
 
     /// Whether guidance takes one pass, to which its strength is told.
     #[must_use]
     pub const fn one_pass(&self) -> bool {
-        self.guidance.is_some()
+        self.inputs.know_guidance()
+    }
+
+    /// Whether guidance takes a second pass, without text and anchors. One that plans a token at a time is not guided.
+    #[must_use]
+    pub const fn two_passes(&self) -> bool {
+        !self.in_turn() && !self.inputs.know_guidance()
     }
 
     /// How its logits become tokens.
     #[must_use]
     pub const fn sampler(&self) -> &Sampler {
         &self.sampler
+    }
+
+    /// Whether it plans a token at a time.
+    #[must_use]
+    pub const fn in_turn(&self) -> bool {
+        match self.sampler {
+            #[cfg(feature = "autoregressive")]
+            Sampler::InTurn => true,
+            _ => false,
+        }
+    }
+
+    /// How it is meant to plan, as its authors do, of a predicted length: [`Planning::DEFAULT`] of TMD; ten steps and draws from a tenth
+    /// of the codes where it is masked (MoMask's evaluation), draws from all of them a token at a time.
+    #[must_use]
+    pub fn defaults(&self) -> Planning<'static> {
+        #[cfg(any(feature = "masked", feature = "autoregressive"))]
+        if !matches!(self.sampler, Sampler::Tmd(_)) {
+            let top_k = if self.in_turn() { 0 } else { self.codes.div_ceil(10) };
+            return Planning {
+                steps: 10,
+                guidance: self.guidance,
+                sampling: super::Sampling::Sample { temperature: 1.0, top_k, top_p: 1.0 },
+                ..Planning::DEFAULT
+            };
+        }
+        Planning::DEFAULT
     }
 
     /// Width of a row, `d`.
@@ -149,7 +200,20 @@ impl<'a> Planner<'a> {
     /// Tokens `V`.
     #[must_use]
     pub const fn codes(&self) -> usize {
-        self.token.outputs()
+        self.codes as usize
+    }
+
+    /// Whether keys and values have 16 bits.
+    #[cfg(feature = "wide-layers")]
+    #[must_use]
+    pub const fn wide(&self) -> bool {
+        self.stack.wide()
+    }
+
+    /// What makes logits of hidden rows.
+    #[must_use]
+    pub const fn head(&self) -> &Head<'a> {
+        &self.head
     }
 
     /// How the width is split.
@@ -164,22 +228,16 @@ impl<'a> Planner<'a> {
         self.stack.sizes(1 + tokens, anchors, memory)
     }
 
-    /// The same for [`Planner::logits`] of up to `rows` rows.
-    #[must_use]
-    pub fn logits_sizes(&self, rows: usize) -> Sizes {
-        Sizes { rows, inputs: self.width(), outputs: self.codes(), ..Sizes::default() }
-    }
-
     /// Multiply-accumulates of one pass over `tokens` tokens, logits of all positions left out.
     #[must_use]
     pub fn pass_macs(&self, tokens: usize, anchors: usize, memory: usize) -> u64 {
-        self.stack.macs(1 + tokens, anchors, memory)
+        self.stack.macs(1 + tokens, anchors, memory) + (1 + tokens) as u64 * self.head.hidden_macs()
     }
 
     /// Multiply-accumulates of one position's logits.
     #[must_use]
     pub const fn logits_macs(&self) -> u64 {
-        self.token.macs()
+        self.head.out().macs()
     }
 
     /// Multiply-accumulates of [`Planner::read`].
@@ -220,32 +278,7 @@ impl<'a> Planner<'a> {
         scratch: &mut StackScratch<'_, '_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
-        let width = self.width().max(1);
-        let Input { tokens, time, planning } = *input;
-        let mut rows = x.chunks_exact_mut(width);
-        if let Some(row) = rows.next() {
-            for (to, from) in row.iter_mut().zip(text.row_bias.iter()) {
-                *to = *from;
-            }
-            let number = (time * f32::from(TIMES)) as usize;
-            let last = usize::from(TIMES) - 1;
-            self.time.add(if number < last { number } else { last }, row);
-            self.boundary.add(2 * usize::from(planning.start_open) + usize::from(planning.end_open), row);
-            if let Some(table) = &self.guidance {
-                add_strength(table, planning.guidance, row);
-            }
-        }
-        for (i, (token, row)) in tokens.iter().zip(rows).enumerate() {
-            row.fill(0.0);
-            add_row(self.token.row(usize::from(*token)), row);
-            self.position.add(i, row);
-            if !planning.end_open {
-                self.end.add(tokens.len().saturating_sub(i + 1), row);
-            }
-            if planning.fixed_at(i).is_some() {
-                self.fixed.add(0, row);
-            }
-        }
+        self.inputs.fill(input, text.row_bias, self.head.out(), x);
         let heads = self.heads();
         let anchors = anchors.filter(|anchors| anchors.rows > 0);
         if let Some(anchors) = anchors {
@@ -258,25 +291,33 @@ impl<'a> Planner<'a> {
             block.forward(x, &mut scratch.own, extra, Some(text.layer(heads, layer)), scratch.block);
             check()?;
         }
-        self.norm.forward_in_place(x);
+        self.head.hide(x, scratch.block);
         ControlFlow::Continue(())
     }
 
-    /// Logits `[R][V]` of hidden rows `h [R][d]`.
-    pub fn logits(&self, h: &[f32], logits: &mut [f32], scratch: &mut BlockScratch<'_>) {
-        scratch.linear(&self.token, h, logits);
-    }
-}
-
-/// Adds what stands between two rows of strengths; strengths beyond the table count as its last.
-#[inline(never)]
-fn add_strength(table: &Embedding<'_>, strength: f32, row: &mut [f32]) {
-    let last = usize::from(STRENGTHS) - 1;
-    let below = strength as usize;
-    let below = if below < last { below } else { last - 1 };
-    let share = if strength < last as f32 { strength - below as f32 } else { 1.0 };
-    for (place, share) in [(below, 1.0 - share), (below + 1, share)] {
-        let (weights, scale) = table.row(place);
-        add_row((weights, scale * share), row);
+    /// One more row of a planner of a token at a time: what is asked for in front of the first token, then `token`, which stands at
+    /// position `at - 1`. Hidden row into `x [d]`; keys and values of all rows before it are in `cache`, its own come there.
+    ///
+    /// Breaks off when `check` says so; it is asked behind every block.
+    #[cfg(feature = "autoregressive")]
+    pub fn extend(
+        &self,
+        (token, at): (u16, usize),
+        text: &Condition<'_>,
+        cache: &mut Condition<'_>,
+        x: &mut [f32],
+        scratch: &mut BlockScratch<'_>,
+        check: Check<'_>,
+    ) -> ControlFlow<Stop> {
+        match (&self.inputs, at.checked_sub(1)) {
+            (Inputs::Placed(placed), Some(position)) => placed.row(token, position, x),
+            _ => inputs::begin(text.row_bias, x),
+        }
+        for (layer, block) in self.stack.blocks().enumerate() {
+            block.append(x, at, &mut cache.layer_mut(self.heads(), layer), scratch);
+            check()?;
+        }
+        self.head.hide(x, scratch);
+        ControlFlow::Continue(())
     }
 }
