@@ -162,7 +162,7 @@ pub fn inspect(
     control: Option<&ControlCheckpoint>,
 ) -> Result<Inspection, Error> {
     let Parts { header, manifest, .. } = blob.parts()?;
-    let tensors = blob
+    let tensors: Vec<TensorInfo> = blob
         .table()?
         .into_iter()
         .map(|t| TensorInfo {
@@ -198,10 +198,16 @@ pub fn inspect(
             Codec::Vq(_) => "vq",
         },
         padding: d.padding.iter().map(|&Padding { left, right }| [left, right]).collect(),
-        features: cargo_features(&manifest).into_iter().filter(|f| f.needed).map(|f| f.name).collect(),
+        features: {
+            let needed = cargo_features(&manifest).into_iter().filter(|f| f.needed).map(|f| f.name);
+            let wide = tensors.iter().filter(|t| t.dtype == dtype_name(DType::I16Planes)).count() > 1;
+            needed.chain(wide.then_some("wide-layers")).collect()
+        },
         generator: match manifest.generator {
             Generator::Given { .. } => "given",
             Generator::Tmd(_) => "tmd",
+            Generator::Masked(_) => "masked",
+            Generator::Autoregressive(_) => "autoregressive",
         },
         decoder: format!(
             "width {}, {} x {} codes of {}, {} stages of dilations {:?}, {} features",
@@ -239,7 +245,7 @@ fn prior_info(
         let rows = prior_rows(&layer.name, max_tokens, usize::from(text.max_words));
         info(layer, rows, originals.iter().find(|o| o.name == layer.name))
     });
-    let table = text.encoder.map(|encoder| match encoder.table {
+    let table = text.encoder.words().map(|encoder| match encoder.table {
         TextTable::Words(words) => ("words", words.lines().count(), lines(words)),
         // A blob has hashes of its words alone.
         TextTable::Vectors { words, dims: _ } => {
@@ -255,7 +261,7 @@ fn prior_info(
         PhraseBank::Meanings { phrases, .. } => lines(phrases),
     };
     Ok(Some(PriorInfo {
-        text: text.encoder.as_ref().map(|encoder| words(&encoder.transformer)),
+        text: text.encoder.words().map(|encoder| words(&encoder.transformer)),
         table: table.as_ref().map(|(kind, ..)| *kind),
         words: table.as_ref().map_or(0, |(_, count, _)| *count),
         vocabulary: table.map(|(.., words)| words).unwrap_or_default(),

@@ -175,7 +175,8 @@ pub fn plan(
     let planning = planning.filter(|_| model.planning().is_some()).map(|limits| {
         let most = model.text().map_or(1, |t| t.max_words());
         let anchors = limits.anchors && anchors > 0 && model.control().is_some();
-        planning::PlanningLimits { words: limits.words.clamp(1, most), anchors, ..limits }
+        let words = if model.vector_width().is_some() { 0 } else { limits.words.clamp(1, most) };
+        planning::PlanningLimits { words, anchors, ..limits }
     });
     let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning, rows })?;
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
@@ -278,8 +279,9 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
         "anchor control",
         "planner, 4-bit weights",
         "words with their vectors",
+        "residual planner",
     ];
-    let mut amounts = [0; 13];
+    let mut amounts = [0; 14];
     amounts[..2].copy_from_slice(&[HEADER_LEN, header.manifest_len as usize]);
     for (index, t) in blob.table()?.into_iter().enumerate() {
         let section = match t.dtype {
@@ -287,6 +289,7 @@ fn flash(blob: &BlobFile) -> Result<Vec<Share>, Error> {
             _ if t.name.starts_with("text.") => 7,
             _ if t.name.starts_with("bank.") => 8,
             DType::I4 => 11,
+            _ if t.name.starts_with("residual.") => 13,
             _ if t.name.starts_with("planner.") => 9,
             _ if t.name.starts_with("control.") => 10,
             DType::F32 if index < 2 => 2,

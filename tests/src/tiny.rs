@@ -3,7 +3,7 @@
 use motionette::blob::{
     Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator, Guidance, Header, HumanMl3d, MAJOR,
     Manifest, Norm, Padding, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TensorEntry, TextConfig,
-    TextEncoderConfig, TextLength, TextTable, TransformerConfig,
+    TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
 };
 use motionette::numerics::hash::{Stream, fnv32};
 
@@ -596,13 +596,16 @@ impl Tiny {
         let text = shape.prior.as_ref().map(|prior| TextConfig {
             width: prior.text.width,
             max_words: prior.max_words,
-            encoder: (!prior.words.is_empty()).then_some(TextEncoderConfig {
-                table: match prior.vectors {
-                    0 => TextTable::Words(&vocabulary),
-                    dims => TextTable::Vectors { words: prior.words.len() as u16 - 2, dims },
-                },
-                transformer: prior.text,
-            }),
+            encoder: match (prior.words.is_empty(), prior.vectors) {
+                (true, _) => TextEncoding::Stored,
+                (false, dims) => TextEncoding::Words(TextEncoderConfig {
+                    table: match dims {
+                        0 => TextTable::Words(&vocabulary),
+                        dims => TextTable::Vectors { words: prior.words.len() as u16 - 2, dims },
+                    },
+                    transformer: prior.text,
+                }),
+            },
             length: TextLength::Head,
             bank: match prior.actions {
                 0 => PhraseBank::Prompts(&bank),

@@ -1,9 +1,9 @@
 //! The manifest of format 4 against bytes written by hand from `FORMAT.md`: what they mean, and what becomes of kinds that came later.
 
 use motionette::blob::{
-    Activation, Card, Codec, ControlConfig, DecoderConfig, Error, Generator, Guidance, HumanMl3d, Manifest, Norm,
-    Padding, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextLength,
-    TextTable, TransformerConfig,
+    Activation, Card, Codec, ControlConfig, DecoderConfig, Error, Generator, Guidance, HeadConfig, HumanMl3d, Manifest,
+    Norm, Padding, PhraseBank, PlannerConfig, PrefixConfig, Representation, ResidualConfig, SelfTest, Skeleton,
+    TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
 };
 
 /// A manifest with everything in it.
@@ -45,9 +45,9 @@ impl Written {
         all.kind("codec", 0, 1).bytes(&[0x80, 0x01, 16, 0x80, 0x04, 1, 2]);
         all.bytes(&[2, 9, 1]).bytes(&[3, 1, 1, 9, 9, 0xAC, 0x02, 0]).bytes(&[0x87, 0x02]);
         all.kind("text", 1, 2).bytes(&[0xAC, 0x02, 32]);
-        all.kind("text.encoder", 1, 2).kind("text.encoder.table", 0, 2).text("<none>\n<unknown>\nwalk").transformer();
-        all.kind("text.length", 0, 1).kind("text.bank", 0, 2).text("wave\nrun");
-        all.kind("generator", 1, 2).bytes(&[49]).transformer();
+        all.kind("text.encoder", 1, 3).kind("text.encoder.table", 0, 2).text("<none>\n<unknown>\nwalk").transformer();
+        all.kind("text.length", 0, 2).kind("text.bank", 0, 2).text("wave\nrun");
+        all.kind("generator", 1, 4).bytes(&[49]).transformer();
         // c = 3, a = 0.5
         all.bytes(&[0, 0, 0x40, 0x40]).bytes(&[0, 0, 0, 0x3F]).kind("generator.guidance", 0, 2);
         all.kind("generator.control", 1, 2).transformer().bytes(&[48, 32, 1, 7]);
@@ -86,7 +86,10 @@ fn bytes_written_by_hand_mean_what_the_format_says() {
         text: Some(TextConfig {
             width: 300,
             max_words: 32,
-            encoder: Some(TextEncoderConfig { table: TextTable::Words("<none>\n<unknown>\nwalk"), transformer }),
+            encoder: TextEncoding::Words(TextEncoderConfig {
+                table: TextTable::Words("<none>\n<unknown>\nwalk"),
+                transformer,
+            }),
             length: TextLength::Head,
             bank: PhraseBank::Prompts("wave\nrun"),
         }),
@@ -152,11 +155,52 @@ fn kinds_of_version_4_1_mean_what_the_format_says() {
     let (manifest, rest) = Manifest::read(&new, 1).expect("a manifest of version 4.1");
     assert!(rest.is_empty());
     let text = manifest.text.expect("text");
-    assert_eq!(text.encoder.expect("an encoder").table, TextTable::Vectors { words: 300, dims: 64 });
+    assert_eq!(text.encoder.words().expect("an encoder").table, TextTable::Vectors { words: 300, dims: 64 });
     let phrases = PhraseBank::Meanings { prompts: "wave\nrun", phrases: "go\nhop\ng", actions: 2, threshold: 0.5 };
     assert_eq!((text.bank, text.bank.names()), (phrases, "wave\nrun"));
     assert_eq!(manifest.generator.planner().expect("a planner").guidance, Guidance::OnePass);
     assert_eq!(postcard::to_stdvec(&manifest).as_deref(), Ok(&new[..]), "as the host tools write it");
+}
+
+/// The kinds that version 4.2 added, again by hand: prompts that are vectors, no length, planners behind a row of the text.
+#[test]
+fn kinds_of_version_4_2_mean_what_the_format_says() {
+    let written = Written::new();
+    let at = |name: &str| written.kinds.iter().find(|kind| kind.0 == name).expect("a section").1;
+    // Width 300, 2 heads, 3 layers, hidden width 7, norms behind, ReLU, epsilon 1e-5.
+    let stack = [0xAC, 0x02, 2, 3, 7, 1, 0, 0xAC, 0xC5, 0x27, 0x37];
+    let transformer = TransformerConfig {
+        width: 300,
+        heads: 2,
+        layers: 3,
+        hidden: 7,
+        norm: Norm::Post,
+        activation: Activation::Relu,
+        epsilon: 1e-5,
+    };
+    // Vectors of 512, one word, no length, two stored ones; then the planner, without a self-test.
+    let text = [&[1, 0x80, 0x04, 1, 2, 1, 0, 8][..], b"wave\nrun"].concat();
+    let end = [0, 0, 0, 4];
+    for (kind, head, residual) in [(2, HeadConfig::Dense { epsilon: 0.5 }, true), (3, HeadConfig::Norm, false)] {
+        let head_bytes: &[u8] = if residual { &[1, 0, 0, 0, 0x3F] } else { &[0] };
+        // Guidance 4; of the residual planner epsilon 2, guidance 0.5.
+        let tail = [&[1][..], &stack, &[0, 0, 0, 0x40], &[0, 0, 0, 0x3F]].concat();
+        let tail: &[u8] = if residual { &tail } else { &[0] };
+        let bytes =
+            [&written.bytes[..at("text")], &text, &[kind, 49], &stack, head_bytes, &[0, 0, 0x80, 0x40], tail, &end]
+                .concat();
+        let (manifest, rest) = Manifest::read(&bytes, 2).expect("a manifest of version 4.2");
+        assert!(rest.is_empty());
+        let text = manifest.text.expect("text");
+        assert_eq!((text.width, text.encoder, text.length), (512, TextEncoding::Vectors, TextLength::Unsaid));
+        let residual = residual.then_some(ResidualConfig { transformer, epsilon: 2.0, guidance: 0.5 });
+        let planner = PrefixConfig { max_tokens: 49, transformer, head, guidance: 4.0, residual };
+        assert_eq!(
+            manifest.generator,
+            if kind == 2 { Generator::Masked(planner) } else { Generator::Autoregressive(planner) }
+        );
+        assert_eq!(postcard::to_stdvec(&manifest).as_deref(), Ok(&bytes[..]), "as the host tools write it");
+    }
 }
 
 /// What absent sections are: one byte each.
@@ -190,7 +234,7 @@ fn kinds_that_came_later_are_named() {
         assert_eq!(error, Error::Unknown { section, found: known, known, minor: 7 });
         let said = error.to_string();
         for word in
-            [format!("{section} is of kind {known}"), "4.1".to_owned(), "firmware that reads format 4.7".to_owned()]
+            [format!("{section} is of kind {known}"), "4.2".to_owned(), "firmware that reads format 4.7".to_owned()]
         {
             assert!(said.contains(&word), "{word:?} not in: {said}");
         }

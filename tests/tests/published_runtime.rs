@@ -10,7 +10,7 @@ use motionette::ROWS;
 use motionette::channels::Channels;
 use motionette::codec::Decode;
 use motionette::codec::codebook::Codebooks;
-use motionette::{Bones, Limits, Model, Plan, Request, memory::Arena};
+use motionette::{Bones, Generator, Limits, Model, Plan, Request, StreamLimits, StreamPlan, memory::Arena};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint;
 use motionette_host::convert::{self, CardText, Options, calibration};
@@ -45,10 +45,19 @@ fn tokens(folder: &Path, name: &str) -> Vec<u16> {
 }
 
 fn blob(path: &Path) -> BlobFile {
+    blob_of(path, &Options::default())
+}
+
+/// With 16 bits in every layer, as published planners are converted.
+fn wide(path: &Path) -> BlobFile {
+    blob_of(path, &Options { wide_layers: true, ..Options::PLAIN })
+}
+
+fn blob_of(path: &Path, options: &Options) -> BlobFile {
     let checkpoint = checkpoint::load(path).unwrap_or_else(|e| panic!("{e}"));
-    let latents = calibration::random(&checkpoint);
+    let latents = if options.needs_calibration() { calibration::random(&checkpoint) } else { Vec::new() };
     let card = CardText { name: "published".into(), ..CardText::default() };
-    let conversion = convert::convert(&checkpoint, &Options::default(), &latents, &card, |_| ()).expect("a conversion");
+    let conversion = convert::convert(&checkpoint, options, &latents, &card, |_| ()).expect("a conversion");
     BlobFile::new(conversion.blob, path).expect("a blob the runtime accepts")
 }
 
@@ -179,4 +188,55 @@ fn self_test_of_a_converted_blob_passes() {
     let mut generator =
         motionette::Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).expect("default rounding");
     assert_eq!(generator.self_test().expect("room"), Some(true));
+}
+
+/// With weights of 16 bits joints are where PyTorch has them.
+#[test]
+fn wide_layers_lose_nothing() {
+    let Some(folder) = published() else { return };
+    let blob = wide(&folder.join("rvq.tar"));
+    let model = blob.model().expect("checked");
+    for length in ["L17", "L49"] {
+        let tokens = tokens(&folder, &format!("rvq_{length}_ids"));
+        let features = relative(&features(&model, &tokens), &floats(&folder, &format!("rvq_{length}_decoded_norm")));
+        let request = Request::tokens(&tokens).bones(Bones::Decoded).unrefined();
+        let motion = verify::run(&blob, length, &request).expect("a motion").joints;
+        let expected = floats(&folder, &format!("rvq_{length}_joints"));
+        let (expected, _) = expected.as_chunks::<3>();
+        let (expected, _) = expected.as_chunks::<22>();
+        let error = 1e3 * root_aligned(&motion, expected);
+        eprintln!(
+            "rvq {length}, 16 bits: features off by {:.3} %, joints root-aligned {error:.3} mm",
+            100.0 * features
+        );
+        assert!(features < 0.001 && error < 0.1, "{features} {error} mm");
+    }
+}
+
+/// Streams and segments of wide layers have the bits of whole motions, as those of others do.
+#[test]
+fn wide_layers_stream() {
+    let Some(folder) = published() else { return };
+    let blob = wide(&folder.join("t2mgpt_vq.safetensors"));
+    let model = blob.model().expect("checked");
+    let tokens = tokens(&folder, "t2mgpt_vq_L17_ids");
+    let request = Request::tokens(&tokens).unrefined();
+    let whole = verify::run(&blob, "whole", &request).expect("a motion").joints;
+    let limits = StreamLimits { tokens: 17, planning: None, rows: ROWS };
+    let plan = StreamPlan::new(&model, &limits).expect("a plan");
+    let mut memory = vec![0_u128; plan.arena_bytes.div_ceil(16)];
+    let mut generator = Generator::new(model.clone(), bytemuck::cast_slice_mut(&mut memory)).expect("a generator");
+    let mut stream = generator.stream(&limits).expect("a stream");
+    let mut frames = Vec::new();
+    for part in tokens.chunks(5) {
+        stream.push(part).expect("room");
+        while let Some(more) = stream.frames(&mut ()).expect("frames") {
+            frames.extend_from_slice(more);
+        }
+    }
+    stream.finish();
+    while let Some(more) = stream.frames(&mut ()).expect("frames") {
+        frames.extend_from_slice(more);
+    }
+    assert_eq!(frames, whole);
 }

@@ -26,7 +26,12 @@ impl TokenSampler for MostConfident {
     /// The largest logit of each position.
     type Work<'s> = &'s mut [f32];
 
-    fn layout<'s>(&self, arena: &mut Arena<'s>, codebooks: &Codebooks<'_>) -> Result<&'s mut [f32], ArenaTooSmall> {
+    fn layout<'s>(
+        &self,
+        arena: &mut Arena<'s>,
+        _: usize,
+        codebooks: &Codebooks<'_>,
+    ) -> Result<&'s mut [f32], ArenaTooSmall> {
         // Less than the metric of token metric diffusion takes, so the session has room.
         arena.take(codebooks.codes())
     }
@@ -41,14 +46,7 @@ impl TokenSampler for MostConfident {
         }
     }
 
-    fn step(
-        &self,
-        _: (f32, f32),
-        logits: &mut Logits<'_, '_, '_>,
-        _: &Codebooks<'_>,
-        work: &mut &mut [f32],
-        draw: Draw<'_>,
-    ) {
+    fn step(&self, _: u16, logits: &mut Logits<'_, '_, '_>, _: &Codebooks<'_>, work: &mut &mut [f32], draw: Draw<'_>) {
         let Draw { planning, tokens, proposals, .. } = draw;
         logits.each(|i, logits| (work[i], proposals[i]) = best(logits));
         let mut order: Vec<usize> = (0..tokens.len()).collect();
@@ -87,8 +85,8 @@ fn another_rule_draws_by_the_same_passes() {
         assert!(session.pass(&tokens, 0.0, &planning, &mut go_on).is_continue());
         // What the session says of one position at a time is the oracle.
         let most: Vec<(f32, u16)> = (0..length).map(|i| best(session.logits(i))).collect();
-        let times = if last { None } else { Some((0.0, 0.5)) };
-        session.advance_by(&sampler, &planning, times, &mut random, &mut tokens);
+        let step = if last { None } else { Some(0) };
+        session.advance_by(&sampler, &planning, step, &mut random, &mut tokens);
         for (i, token) in tokens.iter().enumerate() {
             let ahead = most.iter().filter(|other| other.0 > most[i].0).count();
             let want = match i {

@@ -101,7 +101,7 @@ impl<'m> Planner<'m> {
     /// # Errors
     /// Never: nobody interrupts.
     pub fn step(&mut self, tokens: &[u16], time: f32) -> Result<()> {
-        self.advance(tokens, time, &Planning::DEFAULT, Some((time, time + 1.0 / f32::from(STEPS))))
+        self.advance(tokens, time, &Planning::DEFAULT, Some((time * f32::from(STEPS)) as u16))
     }
 
     /// What the networks do of a step: both passes, the logits of every position and the most probable token of each.
@@ -112,10 +112,10 @@ impl<'m> Planner<'m> {
         self.advance(tokens, time, &Planning { sampling: Sampling::Greedy, ..Planning::DEFAULT }, None)
     }
 
-    fn advance(&mut self, tokens: &[u16], time: f32, planning: &Planning<'_>, times: Option<(f32, f32)>) -> Result<()> {
+    fn advance(&mut self, tokens: &[u16], time: f32, planning: &Planning<'_>, step: Option<u16>) -> Result<()> {
         let passed = self.session.pass(tokens, time, planning, &mut || ControlFlow::Continue(()));
         ensure!(passed.is_continue(), "the planner was interrupted");
-        self.session.advance(planning, times, &mut self.stream, &mut tokens.to_vec());
+        self.session.advance(planning, step, &mut self.stream, &mut tokens.to_vec());
         Ok(())
     }
 

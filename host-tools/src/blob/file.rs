@@ -189,8 +189,8 @@ impl BlobFile {
     /// [`Error::Refused`]; not after [`BlobFile::open`] succeeded.
     pub fn word_hashes(&self) -> Result<Vec<u32>, Error> {
         let Parts { manifest, mut tensors, .. } = self.parts()?;
-        let encoder = manifest.text.and_then(|text| text.encoder);
-        let Some(TextTable::Vectors { words, .. }) = encoder.map(|encoder| encoder.table) else {
+        let table = manifest.text.and_then(|text| Some(text.encoder.words()?.table));
+        let Some(TextTable::Vectors { words, .. }) = table else {
             return Ok(Vec::new());
         };
         for _ in 0..manifest.tensor_count {

@@ -1,7 +1,7 @@
 //! The bytes of a blob: header, manifest, tensor table, weight section (`runtime/src/blob/FORMAT.md`).
 
 use motionette::blob::{
-    ALIGNMENT, DType, Guidance, HEADER_LEN, Header, MAJOR, Manifest, PhraseBank, TensorEntry, TextTable,
+    ALIGNMENT, DType, Guidance, HEADER_LEN, Header, MAJOR, Manifest, PhraseBank, TensorEntry, TextEncoding, TextTable,
 };
 
 use super::AlignedBlob;
@@ -61,18 +61,24 @@ pub fn write(manifest: &Manifest<'_>, tensors: &[Tensor]) -> Result<AlignedBlob,
         table.extend(postcard::to_stdvec(&entry)?);
         weights.extend_from_slice(&tensor.bytes);
     }
-    file(manifest, &table, &weights)
+    let wide = tensors.iter().filter(|tensor| tensor.dtype == DType::I16Planes).count() > 1;
+    versioned(manifest, &table, &weights, minor(manifest).max(if wide { 2 } else { 0 }))
 }
 
-/// The oldest minor version that has all that a manifest says: 1 where a convolution looks less far ahead than back, words have vectors,
+/// The oldest minor version that has all that a manifest says: 2 where prompts are vectors (as where more layers than the last have weights of 16
+/// bits); 1 where a convolution looks less far ahead than back, words have vectors,
 /// prompts are understood as phrases, or guidance takes one pass; else 0.
 fn minor(manifest: &Manifest<'_>) -> u16 {
     let causal = manifest.codec.decoder().padding.iter().any(|padding| padding.left != padding.right);
     let text = manifest.text.as_ref();
-    let vectors =
-        text.and_then(|text| text.encoder).is_some_and(|encoder| matches!(encoder.table, TextTable::Vectors { .. }));
+    let vectors = text
+        .and_then(|text| text.encoder.words())
+        .is_some_and(|encoder| matches!(encoder.table, TextTable::Vectors { .. }));
     let phrases = text.is_some_and(|text| matches!(text.bank, PhraseBank::Meanings { .. }));
     let one_pass = manifest.generator.planner().is_some_and(|planner| planner.guidance == Guidance::OnePass);
+    if text.is_some_and(|text| text.encoder == TextEncoding::Vectors) {
+        return 2;
+    }
     u16::from(causal || vectors || phrases || one_pass)
 }
 
@@ -81,12 +87,16 @@ fn minor(manifest: &Manifest<'_>) -> u16 {
 /// # Errors
 /// [`Error`].
 pub fn file(manifest: &Manifest<'_>, table: &[u8], weights: &[u8]) -> Result<AlignedBlob, Error> {
+    versioned(manifest, table, weights, minor(manifest))
+}
+
+fn versioned(manifest: &Manifest<'_>, table: &[u8], weights: &[u8], minor: u16) -> Result<AlignedBlob, Error> {
     let mut text = postcard::to_stdvec(manifest)?;
     text.extend_from_slice(table);
     let offset = (HEADER_LEN + text.len()).next_multiple_of(ALIGNMENT);
     let mut header = Header {
         major: MAJOR,
-        minor: minor(manifest),
+        minor,
         total_len: narrow(offset + weights.len(), "blob")?,
         manifest_len: narrow(text.len(), "manifest")?,
         weights_offset: narrow(offset, "manifest")?,

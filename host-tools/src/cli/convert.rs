@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, ValueEnum};
 use motionette::blob::MAJOR;
@@ -12,8 +12,10 @@ use serde_json::{Value, json};
 
 use super::model::{CheckpointFiles, grouped};
 use super::{bar, capabilities, say};
-use crate::checkpoint::{PriorCheckpoint, control, prior};
-use crate::convert::{self, CardText, FourBits, Options, PriorSource, Rounding, bank, calibration, lift};
+use crate::checkpoint::{PriorCheckpoint, PublishedPlanner, TokenizerCheckpoint, control, prior, published};
+use crate::convert::{
+    self, CardText, FourBits, Options, PriorSource, PublishedSource, Rounding, bank, calibration, lift,
+};
 use crate::dataset::{Dataset, Split, captioned};
 use crate::output::write_atomic;
 use crate::reference::Prior;
@@ -26,6 +28,9 @@ use crate::reference::Prior;
 /// With a prior the blob makes motions from text. Prompts of a bank file (a prompt a line: name, tab, text) are encoded here and stored
 /// under their names; with --no-text-encoder these are all that the blob can be asked for. With the prior's control anchors do not only
 /// bend what was planned, the planner sees them.
+///
+/// MoMask's mask and residual transformers and T2M-GPT's transformer are priors as well; their prompts are vectors (docs/published.md), in a
+/// bank file .npy files in the place of texts: motionette convert rvq.tar --prior mask.tar --residual res.tar --bank bank.txt -o momask.blob
 ///
 /// A blob of format 3 in place of the checkpoint becomes one of format 4 with the same weights, whose hash is printed for both; nothing
 /// but -o goes with it: motionette convert old.blob -o new.blob
@@ -44,9 +49,18 @@ pub(super) struct Cmd {
     calibration: Option<PathBuf>,
     #[command(flatten)]
     files: CheckpointFiles,
-    /// Prior of the tokenizer's tokens: text encoder and planner.
+    /// Prior of the tokenizer's tokens: text encoder and planner of our own, or a published planner.
     #[arg(long, value_name = "FILE")]
     prior: Option<PathBuf>,
+    /// MoMask's residual transformer, which plans what its mask transformer leaves open.
+    #[arg(long, value_name = "FILE", requires = "prior")]
+    residual: Option<PathBuf>,
+    /// Option file of a published prior; else mask_opt.txt, opt.txt or t2mgpt_args.json beside it.
+    #[arg(long, value_name = "FILE", requires = "prior")]
+    prior_options: Option<PathBuf>,
+    /// Option file of the residual transformer; else res_opt.txt or opt.txt beside it.
+    #[arg(long, value_name = "FILE", requires = "residual")]
+    residual_options: Option<PathBuf>,
     /// Anchor control of the prior.
     #[arg(long, value_name = "FILE", requires = "prior")]
     control: Option<PathBuf>,
@@ -65,10 +79,14 @@ pub(super) struct Cmd {
     /// Data of the weights in the card; else the hash of the training data.
     #[arg(long)]
     data: Option<String>,
-    /// Bits of the weights in the planner's blocks (attention and feed-forward layers), 8 or 4; everything else keeps 8.
-    #[arg(long, default_value_t = 8, value_parser = PossibleValuesParser::new(["4", "8"]).map(|b| if b == "4" { 4_u8 } else { 8 }),
-        value_name = "BITS")]
-    planner_bits: u8,
+    /// Bits of the weights in the planner's blocks (attention and feed-forward layers), 8 or 4; everything else keeps 8. A published planner
+    /// may have 16, all of it, and has them without this.
+    #[arg(long, value_parser = PossibleValuesParser::new(["4", "8", "16"]).map(|b| b.parse::<u8>().unwrap_or(8)), value_name = "BITS")]
+    planner_bits: Option<u8>,
+    /// Bits of the weights in the decoder's hidden layers, 8 or 16. 16 double its bytes and work; without it 16 where the prior is a published
+    /// one, whose decoder was never meant for 8, else 8.
+    #[arg(long, value_parser = PossibleValuesParser::new(["8", "16"]).map(|b| if b == "16" { 16_u8 } else { 8 }), value_name = "BITS")]
+    decoder_bits: Option<u8>,
     /// Layers of the planner's blocks that have four bits where the others keep eight.
     #[arg(long, value_delimiter = ',', value_parser = PossibleValuesParser::new(FourBits::LAYERS), value_name = "LAYER")]
     four_bits: Vec<String>,
@@ -106,6 +124,11 @@ impl Cmd {
             return self.lift();
         }
         let checkpoint = self.files.load(&self.checkpoint)?;
+        if let Some(path) = self.prior.as_deref().filter(|path| published::is_published(path)) {
+            return self.published(&checkpoint, path);
+        }
+        ensure!(self.planner_bits != Some(16), "--planner-bits 16 is for published planners; ours have 8 or 4");
+        ensure!(self.residual.is_none(), "--residual follows MoMask's mask transformer, and --prior is another");
         let mut prior = self.prior.as_deref().map(prior::load).transpose().context("reading the prior")?;
         if let Some(prior) = &prior {
             prior.check_tokenizer(&checkpoint).context("matching prior and tokenizer")?;
@@ -122,20 +145,7 @@ impl Cmd {
             (Some(prior), Some(path)) => stored_prompts(prior, path, self.no_text_encoder)?,
             _ => Vec::new(),
         };
-        let rounding = match self.rounding {
-            Way::Nearest => Rounding::Nearest,
-            Way::Clipped => Rounding::Clipped,
-            Way::Feedback => Rounding::Feedback,
-        };
-        let all = if self.planner_bits == 4 { FourBits::ALL } else { FourBits::NONE };
-        let four_bits = self.four_bits.iter().try_fold(all, |layers, layer| layers.with(layer)).unwrap_or(all);
-        let options = Options {
-            rounding,
-            refit: !self.no_refit,
-            bias_correction: !self.no_bias_correction,
-            four_bits,
-            ..Options::default()
-        };
+        let options = self.options(self.decoder_bits == Some(16));
         let dataset = self.calibration.as_ref().filter(|_| options.needs_calibration());
         let dataset = dataset.map(Dataset::load).transpose()?;
         let cases = match (&dataset, &prior) {
@@ -152,27 +162,8 @@ impl Cmd {
             control: control.as_ref(),
             cases: &cases,
         });
-        let latents = match &dataset {
-            _ if !options.needs_calibration() => Vec::new(),
-            Some(dataset) => calibration::from_dataset(&checkpoint, dataset)?,
-            None => {
-                say("note: calibrated on random tokens; with --calibration <dataset> the error is about half");
-                calibration::random(&checkpoint)
-            }
-        };
-        let stem = || self.checkpoint.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let preset = Some(checkpoint.config.preset.clone()).filter(|p| !p.is_empty());
-        // "tokenizer", "tokenizer+prior" or "tokenizer+prior+control": `verify` looks for any of them.
-        let mut hash = crate::checkpoint::file_hash(&self.checkpoint).context("hashing the checkpoint")?;
-        for path in self.prior.iter().chain(&self.control) {
-            hash = format!("{hash}+{}", crate::checkpoint::file_hash(path).context("hashing a checkpoint")?);
-        }
-        let card = CardText {
-            name: self.name.or(preset).unwrap_or_else(stem),
-            licence: self.licence,
-            data: self.data.unwrap_or_else(|| checkpoint.config.data_hash.clone()),
-            checkpoint: hash,
-        };
+        let latents = latents(&checkpoint, &options, dataset.as_ref())?;
+        let card = self.card(&checkpoint)?;
         let progress = bar(checkpoint.decoder.convolutions().len() as u64, "layers");
         let conversion = convert::convert_with_prior(&checkpoint, source, &options, &latents, &card, |layer| {
             progress.set_message(layer.to_owned());
@@ -180,13 +171,7 @@ impl Cmd {
         })?;
         progress.finish_and_clear();
         let bytes = conversion.blob.bytes();
-        let lost = capabilities::lost(&self.output, bytes)?;
-        if !lost.is_empty() {
-            let (path, lost) = (self.output.display(), lost.join(", "));
-            say(&format!("warning: {path} is replaced by a blob that can do less; the one before had {lost}"));
-        }
-        write_atomic(&self.output, |w| w.write_all(bytes)).context("writing the blob")?;
-        say(&format!("{} bytes to {}", grouped(bytes.len() as u64), self.output.display()));
+        let lost = self.write(bytes)?;
         Ok(json!({
             "output": super::shown(&self.output),
             "bytes": bytes.len(),
@@ -201,6 +186,105 @@ impl Cmd {
             "name": card.name,
             "checkpoint": card.checkpoint,
         }))
+    }
+
+    /// Converts a tokenizer with a published planner.
+    fn published(&self, checkpoint: &TokenizerCheckpoint, path: &Path) -> Result<Value> {
+        ensure!(
+            self.control.is_none() && !self.no_text_encoder,
+            "{} is a published planner, which has no text encoder and no anchor control: leave --control and --no-text-encoder out",
+            path.display()
+        );
+        let planner = published::load(path, self.prior_options.as_deref()).context("reading the prior")?;
+        let residual = self.residual.as_deref().map(|path| published::load(path, self.residual_options.as_deref()));
+        let residual = match residual.transpose().context("reading the residual transformer")? {
+            None => None,
+            Some(PublishedPlanner::Residual(residual)) => Some(residual),
+            Some(_) => bail!("{} is no residual transformer", self.residual.as_deref().unwrap_or(path).display()),
+        };
+        let bank = match &self.bank {
+            None => Vec::new(),
+            Some(path) => bank::vectors(path).with_context(|| format!("storing the prompts of {}", path.display()))?,
+        };
+        let source = PublishedSource { planner: &planner, residual: residual.as_ref(), bank: &bank };
+        let wide_planner = self.planner_bits.is_none_or(|bits| bits == 16);
+        let options = Options { wide_planner, ..self.options(self.decoder_bits != Some(8)) };
+        let dataset = self.calibration.as_ref().filter(|_| options.needs_calibration());
+        let dataset = dataset.map(Dataset::load).transpose()?;
+        let latents = latents(checkpoint, &options, dataset.as_ref())?;
+        let card = self.card(checkpoint)?;
+        let progress = bar(checkpoint.decoder.convolutions().len() as u64, "layers");
+        let conversion = convert::convert_published(checkpoint, &source, &options, &latents, &card, |layer| {
+            progress.set_message(layer.to_owned());
+            progress.inc(1);
+        })?;
+        progress.finish_and_clear();
+        let bytes = conversion.blob.bytes();
+        let lost = self.write(bytes)?;
+        Ok(json!({
+            "output": super::shown(&self.output),
+            "bytes": bytes.len(),
+            "lost": lost,
+            "layers": conversion.layers.len(),
+            "bank": bank.iter().map(|e| &e.name).collect::<Vec<_>>(),
+            "residual": residual.is_some(),
+            "calibration_sequences": latents.len(),
+            "decoder_bits": if options.wide_layers { 16 } else { 8 },
+            "planner_bits": self.planner_bits.unwrap_or(16),
+            "four_bits": options.four_bits.names().collect::<Vec<_>>(),
+            "name": card.name,
+            "checkpoint": card.checkpoint,
+        }))
+    }
+
+    /// How weights are quantised.
+    fn options(&self, wide_layers: bool) -> Options {
+        let rounding = match self.rounding {
+            Way::Nearest => Rounding::Nearest,
+            Way::Clipped => Rounding::Clipped,
+            Way::Feedback => Rounding::Feedback,
+        };
+        let all = if self.planner_bits == Some(4) { FourBits::ALL } else { FourBits::NONE };
+        let four_bits = self.four_bits.iter().try_fold(all, |layers, layer| layers.with(layer)).unwrap_or(all);
+        if wide_layers {
+            // What rounding to 16 bits loses is not worth making up for.
+            return Options { four_bits, wide_layers, ..Options::PLAIN };
+        }
+        Options {
+            rounding,
+            refit: !self.no_refit,
+            bias_correction: !self.no_bias_correction,
+            four_bits,
+            ..Options::default()
+        }
+    }
+
+    fn card(&self, checkpoint: &TokenizerCheckpoint) -> Result<CardText> {
+        let stem = || self.checkpoint.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let preset = Some(checkpoint.config.preset.clone()).filter(|p| !p.is_empty());
+        // "tokenizer", "tokenizer+prior" or "tokenizer+prior+control": `verify` looks for any of them.
+        let mut hash = crate::checkpoint::file_hash(&self.checkpoint).context("hashing the checkpoint")?;
+        for path in self.prior.iter().chain(&self.residual).chain(&self.control) {
+            hash = format!("{hash}+{}", crate::checkpoint::file_hash(path).context("hashing a checkpoint")?);
+        }
+        Ok(CardText {
+            name: self.name.clone().or(preset).unwrap_or_else(stem),
+            licence: self.licence.clone(),
+            data: self.data.clone().unwrap_or_else(|| checkpoint.config.data_hash.clone()),
+            checkpoint: hash,
+        })
+    }
+
+    /// Writes the blob; what the one that it replaces had and it has not comes back.
+    fn write(&self, bytes: &[u8]) -> Result<Vec<String>> {
+        let lost = capabilities::lost(&self.output, bytes)?;
+        if !lost.is_empty() {
+            let (path, lost) = (self.output.display(), lost.join(", "));
+            say(&format!("warning: {path} is replaced by a blob that can do less; the one before had {lost}"));
+        }
+        write_atomic(&self.output, |w| w.write_all(bytes)).context("writing the blob")?;
+        say(&format!("{} bytes to {}", grouped(bytes.len() as u64), self.output.display()));
+        Ok(lost)
     }
 
     /// Writes a blob of the format before this one anew.
@@ -232,13 +316,16 @@ impl Cmd {
 
     /// Whether an option was given that means something for checkpoints alone.
     fn asks_for_more(&self) -> bool {
-        let paths = [&self.calibration, &self.prior, &self.control, &self.bank];
+        let [residual, options] = [&self.residual, &self.prior_options];
+        let paths =
+            [&self.calibration, &self.prior, residual, options, &self.residual_options, &self.control, &self.bank];
         let texts = [&self.name, &self.data];
         paths.into_iter().any(Option::is_some)
             || texts.into_iter().any(Option::is_some)
             || self.files.given()
             || self.licence != UNKNOWN
-            || self.planner_bits != 8
+            || self.planner_bits.is_some()
+            || self.decoder_bits.is_some()
             || !self.four_bits.is_empty()
             || self.word_tier != 2
             || !matches!(self.rounding, Way::Feedback)
@@ -246,6 +333,18 @@ impl Cmd {
             || self.no_refit
             || self.no_bias_correction
     }
+}
+
+/// What the rounding is calibrated on.
+fn latents(checkpoint: &TokenizerCheckpoint, options: &Options, dataset: Option<&Dataset>) -> Result<Vec<Vec<f32>>> {
+    Ok(match dataset {
+        _ if !options.needs_calibration() => Vec::new(),
+        Some(dataset) => calibration::from_dataset(checkpoint, dataset)?,
+        None => {
+            say("note: calibrated on random tokens; with --calibration <dataset> the error is about half");
+            calibration::random(checkpoint)
+        }
+    })
 }
 
 /// Whether the file is a blob; what cannot be read is not.

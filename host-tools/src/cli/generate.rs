@@ -19,7 +19,7 @@ use crate::output::write_atomic;
 ///
 /// Example: motionette generate --blob nano.blob --text "a person waves the right hand" --seconds 5 --seed 7 -o motion.bvh
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("what").required(true).args(["text", "prompt"])))]
+#[command(group(ArgGroup::new("what").required(true).args(["text", "prompt", "prompt_vector"])))]
 #[command(group(ArgGroup::new("model").required(true).args(["blob"])))]
 pub(super) struct Cmd {
     #[command(flatten)]
@@ -31,8 +31,9 @@ pub(super) struct Cmd {
 
 impl Cmd {
     pub(super) fn run(self) -> Result<Value> {
-        let GenerateArgs { text, prompt, seed, steps, guidance, .. } = &self.args;
+        let GenerateArgs { text, prompt, prompt_vector, seed, .. } = &self.args;
         let made = self.args.make()?;
+        let steps = made.steps;
         let (joints, rate) = (&made.frames, f64::from(made.frame_rate));
         write_atomic(&self.output, |w| bvh::write_bvh(joints, 1.0 / rate, w)).context("writing the motion")?;
         let seconds = joints.len() as f64 / rate;
@@ -71,6 +72,7 @@ impl Cmd {
         Ok(json!({
             "output": super::shown(&self.output),
             "prompt": text.as_ref().or(prompt.as_ref()),
+            "prompt_vector": prompt_vector.as_deref().map(super::shown),
             "words": made.words[0],
             "unknown_words": made.words[1],
             "unknown": made.unknown,
@@ -80,7 +82,7 @@ impl Cmd {
             "tokens": made.tokens,
             "seed": seed,
             "planner_steps": steps,
-            "guidance": guidance,
+            "guidance": made.guidance,
             "planning_macs": planning_macs,
             "macs": macs,
             "arena_bytes": made.arena_used,

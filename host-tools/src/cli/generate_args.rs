@@ -14,6 +14,7 @@ use super::{Refinement, say};
 use crate::anchors_file;
 use crate::blob::BlobFile;
 use crate::console;
+use crate::import::npy;
 use crate::metrics;
 use crate::motion::Pose;
 
@@ -29,30 +30,33 @@ pub(super) struct GenerateArgs {
     /// Name of a prompt that the blob stores, instead of a text.
     #[arg(long, value_name = "NAME", requires = "blob")]
     pub prompt: Option<String>,
+    /// A prompt as a vector in a .npy file, for models whose prompts are vectors (docs/published.md).
+    #[arg(long, value_name = "FILE", requires = "blob")]
+    pub prompt_vector: Option<PathBuf>,
     /// How long it is to be, at least; else as long as the text suggests.
     #[arg(long)]
     seconds: Option<f64>,
     /// Seed of everything that is drawn.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Steps of the sampler.
-    #[arg(long, default_value_t = Planning::DEFAULT.steps)]
-    pub steps: u16,
+    /// Steps of the sampler; else as many as the model is meant for.
+    #[arg(long)]
+    pub steps: Option<u16>,
     /// Times of the steps.
     #[arg(long, value_enum, default_value_t = Times::Uniform)]
     schedule: Times,
-    /// How strongly the text guides; 1 is off and halves the work.
-    #[arg(long, default_value_t = Planning::DEFAULT.guidance)]
-    pub guidance: f32,
+    /// How strongly the text guides; 1 is off and halves the work. Else as strongly as the model is meant for.
+    #[arg(long)]
+    pub guidance: Option<f32>,
     /// How proposals are drawn.
     #[arg(long, value_enum, default_value_t = Draw::Sample)]
     sampling: Draw,
     /// Above 1 more variety, below 1 less.
     #[arg(long, default_value_t = 1.0)]
     temperature: f32,
-    /// Only so many of the most probable tokens; 0 = all.
-    #[arg(long, default_value_t = 0)]
-    top_k: u16,
+    /// Only so many of the most probable tokens; 0 = all. Else as many as the model is meant for.
+    #[arg(long)]
+    top_k: Option<u16>,
     /// Only the most probable tokens with this share of the whole; 1 = all.
     #[arg(long, default_value_t = 1.0)]
     top_p: f32,
@@ -78,6 +82,10 @@ pub(super) struct Made {
     pub anchors: Vec<Anchor>,
     /// What was decoded.
     pub tokens: Vec<u16>,
+    /// Steps of the sampler.
+    pub steps: u16,
+    /// How strongly the text guided.
+    pub guidance: f32,
     /// Words of the prompt, and how many of them the model does not know.
     pub words: [usize; 2],
     /// These.
@@ -133,7 +141,8 @@ impl GenerateArgs {
         anchors_file::check_at(&anchors, frames, model.frame_rate()).context("checking the anchors")?;
         warn_of_far(&anchors, model.frame_rate());
         let anchors = anchors_file::distinct(&anchors);
-        let request = self.request(length, &anchors);
+        let vector = self.prompt_vector.as_deref().map(npy::vector).transpose().context("reading the prompt")?;
+        let request = self.request(&model, length, (&anchors, vector.as_deref()));
 
         // An arena of exactly the size that the request takes.
         let plan = Generator::new(blob.model()?, &mut [])
@@ -158,6 +167,8 @@ impl GenerateArgs {
             frames: motion.frames().to_vec(),
             frame_rate: motion.frame_rate(),
             tokens: motion.tokens().to_vec(),
+            steps: request.planning.steps,
+            guidance: request.planning.guidance,
             words: [motion.words(), motion.unknown_words()].map(usize::from),
             refinement: motion.refinement,
             bone_error: metrics::bone_error(motion.frames(), model.skeleton().offsets()),
@@ -184,22 +195,31 @@ impl GenerateArgs {
         Ok(Length::Frames(frames_of(seconds, model.frame_rate(), most, "model")?))
     }
 
-    fn request<'r>(&'r self, length: Length, anchors: &'r [Anchor]) -> Request<'r> {
+    fn request<'r>(
+        &'r self,
+        model: &Model<'_>,
+        length: Length,
+        (anchors, vector): (&'r [Anchor], Option<&'r [f32]>),
+    ) -> Request<'r> {
+        let meant = model.default_planning();
+        let most = if let Sampling::Sample { top_k, .. } = meant.sampling { top_k } else { 0 };
         let schedule = match self.schedule {
             Times::Uniform => Schedule::Uniform,
             Times::Cosine => Schedule::Cosine,
         };
-        let (temperature, top_k, top_p) = (self.temperature, self.top_k, self.top_p);
+        let (temperature, top_k, top_p) = (self.temperature, self.top_k.unwrap_or(most), self.top_p);
         let sampling = match self.sampling {
             Draw::Greedy => Sampling::Greedy,
             Draw::Sample => Sampling::Sample { temperature, top_k, top_p },
             Draw::Gumbel => Sampling::Gumbel { temperature },
         };
-        let (seed, steps, guidance) = (self.seed, self.steps, self.guidance);
+        let (steps, guidance) = (self.steps.unwrap_or(meant.steps), self.guidance.unwrap_or(meant.guidance));
+        let seed = self.seed;
         let planning = Planning { length, seed, steps, schedule, guidance, sampling, ..Planning::DEFAULT };
-        let prompt = match (&self.text, &self.prompt) {
-            (None, Some(name)) => Prompt::Bank(name),
-            (text, _) => Prompt::Text(text.as_deref().unwrap_or_default()),
+        let prompt = match (&self.text, &self.prompt, vector) {
+            (None, Some(name), _) => Prompt::Bank(name),
+            (None, None, Some(vector)) => Prompt::Vector(vector),
+            (text, ..) => Prompt::Text(text.as_deref().unwrap_or_default()),
         };
         let request = Request::prompt(prompt).planned(planning);
         let request = if self.unconditioned { request.unconditioned() } else { request };
@@ -221,6 +241,12 @@ impl GenerateArgs {
         let instead = match error {
             motionette::Error::Prompt(PromptError::NoEncoder { .. }) if !stored.is_empty() => {
                 format!("; give --prompt with one of {}", stored.join(", "))
+            }
+            motionette::Error::Prompt(PromptError::Vectors { .. }) if stored.is_empty() => {
+                "; give --prompt-vector with a .npy file (docs/published.md)".to_owned()
+            }
+            motionette::Error::Prompt(PromptError::Vectors { .. }) => {
+                format!("; give --prompt-vector with a .npy file, or --prompt with one of {}", stored.join(", "))
             }
             motionette::Error::Prompt(PromptError::NotStored { .. }) if !stored.is_empty() => {
                 format!("; it stores {}", stored.join(", "))

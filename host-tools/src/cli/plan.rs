@@ -4,7 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use motionette::generation::tokens::{Planning, PlanningLimits};
+use motionette::generation::tokens::PlanningLimits;
 use motionette::refining::Config;
 use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
 use serde_json::Value;
@@ -36,12 +36,12 @@ pub(super) struct Cmd {
     /// Words of the longest prompt; else as many as the model takes. 0 plans for requests that bring their tokens.
     #[arg(long)]
     words: Option<usize>,
-    /// Steps of the planner.
-    #[arg(long, default_value_t = Planning::DEFAULT.steps, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    steps: u16,
-    /// Guidance of the planner; 1 is off and halves the work.
-    #[arg(long, default_value_t = Planning::DEFAULT.guidance)]
-    guidance: f32,
+    /// Steps of the planner; else as many as it is meant for.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    steps: Option<u16>,
+    /// Guidance of the planner; 1 is off and halves the work. Else what it is meant for.
+    #[arg(long)]
+    guidance: Option<f32>,
     /// Rows of the planner that pass through a layer at a time, 4 to 24, and of the decoder half as many tokens more. Weights are read
     /// from flash once for so many; each takes memory, and the motion is the same.
     #[arg(long, default_value_t = ROWS as u16, value_parser = clap::value_parser!(u16).range(LEAST_ROWS as i64..=MOST_ROWS as i64))]
@@ -62,12 +62,11 @@ impl Cmd {
         let robot = self.robot.as_deref().map(robot_file::load).transpose()?;
         let blob = BlobFile::open(&self.blob)?;
         let (refinement, anchors) = self.refinement.0.map_or((Config::fast(0), 0), |config| (config, self.anchors));
-        let guided = self.guidance != 1.0;
+        let meant = blob.model()?.default_planning();
+        let (guided, steps) = (self.guidance.unwrap_or(meant.guidance) != 1.0, self.steps.unwrap_or(meant.steps));
         let planning = match self.words.unwrap_or(usize::MAX) {
             0 => None,
-            words => {
-                Some(PlanningLimits { words, steps: self.steps, guided, anchors: !self.unconditioned, clauses: 1 })
-            }
+            words => Some(PlanningLimits { words, steps, guided, anchors: !self.unconditioned, clauses: 1 }),
         };
         let report = plan::plan(&blob, self.tokens, anchors, refinement, planning, usize::from(self.rows))?;
         say(&format!(

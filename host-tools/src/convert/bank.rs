@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::checkpoint::PriorCheckpoint;
 use crate::checkpoint::prior::UNCONDITIONAL;
+use crate::import::npy;
 use crate::input;
 use crate::reference::text::{self, PromptError, TextEncoder, Words};
 
@@ -30,6 +31,16 @@ pub enum Error {
         line: usize,
         /// What is wrong.
         what: String,
+    },
+    /// A prompt that is no vector in a file.
+    #[error("line {line}, prompt {name:?}: {source}")]
+    Vector {
+        /// Line, from 1.
+        line: usize,
+        /// Its name.
+        name: String,
+        /// Why.
+        source: npy::Error,
     },
     /// A prompt that the text encoder cannot read.
     #[error("line {line}, prompt {name:?}: {source}")]
@@ -102,6 +113,20 @@ pub fn parse(text: &str) -> Result<Vec<Prompt>, Error> {
         prompts.push(Prompt { line, name: name.to_owned(), text: prompt.to_owned() });
     }
     Ok(prompts)
+}
+
+/// Reads a bank file whose prompts are vectors: names, tabs, .npy files, relative ones beside the bank file.
+///
+/// # Errors
+/// Those of [`read`]; [`Error::Vector`].
+pub fn vectors(path: &Path) -> Result<Vec<Entry>, Error> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let entry = |Prompt { line, name, text }: Prompt| {
+        let rows =
+            npy::vector(&folder.join(&text)).map_err(|source| Error::Vector { line, name: name.clone(), source })?;
+        Ok(Entry { name, unknown: Vec::new(), rows })
+    };
+    read(path)?.into_iter().map(entry).collect()
 }
 
 /// Encodes prompts with the reference; `unconditional` puts the prompt of guidance in front of them.

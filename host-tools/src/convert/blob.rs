@@ -3,19 +3,19 @@
 use motionette::blob::{
     ALIGNMENT, Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator as GeneratorConfig, Guidance,
     HumanMl3d, MAX_BLOCKS, MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SKELETON_BYTES,
-    SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextLength, TextTable, TransformerConfig,
+    SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
 };
 use motionette::numerics::hash::Stream;
 use motionette::{Bones, Generator, Limits, Model, Plan, Request};
 
 use super::prior::{QuantisedPart, QuantisedPrior};
-use super::{CardText, Error, MAX_TOKENS, PriorSource};
+use super::{CardText, Error, MAX_TOKENS, Planned, PriorSource, PublishedSource, bank};
 use crate::blob::layer::{pack, split};
 use crate::blob::write::{self as blob, Tensor, narrow};
 use crate::blob::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::prior::{self, NormOrder, SPECIAL, WordRows, WordVectors};
 use crate::checkpoint::words::hash;
-use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
+use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, PublishedPlanner, TokenizerCheckpoint};
 use crate::motion::uniform;
 
 /// Seed of the self-test's tokens.
@@ -37,10 +37,18 @@ struct Facts<'a> {
 struct Text {
     width: u16,
     max_words: u16,
-    /// Words and blocks.
-    encoder: Option<(Words, TransformerConfig)>,
+    encoder: Encoder,
+    length: TextLength,
     bank: String,
     meanings: Option<Meanings>,
+}
+
+/// [`TextEncoding`] with words of its own.
+enum Encoder {
+    Stored,
+    /// Words and blocks.
+    Words(Words, TransformerConfig),
+    Vectors,
 }
 
 /// [`TextTable`] with words of its own.
@@ -61,26 +69,38 @@ struct Meanings {
 ///
 /// # Errors
 /// [`Error`], when a size does not fit, or the runtime refuses the result.
-pub fn write(
+pub(super) fn write(
     checkpoint: &TokenizerCheckpoint,
     layers: &[QuantisedConv1d],
-    prior: Option<(PriorSource<'_>, &QuantisedPrior)>,
+    planned: Planned<'_>,
     card: &CardText,
 ) -> Result<AlignedBlob, Error> {
     let mut tensors = tensors(checkpoint, layers)?;
-    if let Some((source, quantised)) = &prior {
-        push_prior(&mut tensors, source, quantised)?;
+    match planned {
+        Planned::Given => {}
+        Planned::Prior(source, quantised) => push_prior(&mut tensors, source, quantised)?,
+        Planned::Published(source, quantised) => {
+            push_bank(&mut tensors, source.bank, source.vector())?;
+            quantised.planner.iter().chain(&quantised.residual).try_for_each(|part| push_part(&mut tensors, part))?;
+        }
     }
-    let source = prior.as_ref().map(|(source, _)| source);
     let facts = Facts {
         card,
         frame_rate: checkpoint.config.fps.round() as u16,
         skeleton: skeleton_bytes(),
         decoder: decoder_config(checkpoint)?,
-        text: source.map(text_config).transpose()?,
-        generator: match source {
-            Some(source) => GeneratorConfig::Tmd(planner_config(source)?),
-            None => GeneratorConfig::Given { max_tokens: narrow(MAX_TOKENS, "longest motion")? },
+        text: match planned {
+            Planned::Given => None,
+            Planned::Prior(source, _) => Some(text_config(source)?),
+            Planned::Published(source, _) => Some(vector_config(source)?),
+        },
+        generator: match planned {
+            Planned::Given => GeneratorConfig::Given { max_tokens: narrow(MAX_TOKENS, "longest motion")? },
+            Planned::Prior(source, _) => GeneratorConfig::Tmd(planner_config(source)?),
+            Planned::Published(source, _) => match source.planner {
+                PublishedPlanner::Gpt(_) => GeneratorConfig::Autoregressive(source.config()?),
+                _ => GeneratorConfig::Masked(source.config()?),
+            },
         },
     };
     let quantizers = checkpoint.config.quantizers;
@@ -128,14 +148,18 @@ fn assemble(tensors: &[Tensor], facts: &Facts<'_>, self_test: SelfTest) -> Resul
         text: facts.text.as_ref().map(|t| TextConfig {
             width: t.width,
             max_words: t.max_words,
-            encoder: t.encoder.as_ref().map(|(words, transformer)| TextEncoderConfig {
-                table: match *words {
-                    Words::Listed(ref words) => TextTable::Words(words),
-                    Words::Vectors { words, dims } => TextTable::Vectors { words, dims },
-                },
-                transformer: *transformer,
-            }),
-            length: TextLength::Head,
+            encoder: match &t.encoder {
+                Encoder::Stored => TextEncoding::Stored,
+                Encoder::Vectors => TextEncoding::Vectors,
+                Encoder::Words(words, transformer) => TextEncoding::Words(TextEncoderConfig {
+                    table: match *words {
+                        Words::Listed(ref words) => TextTable::Words(words),
+                        Words::Vectors { words, dims } => TextTable::Vectors { words, dims },
+                    },
+                    transformer: *transformer,
+                }),
+            },
+            length: t.length,
             bank: match &t.meanings {
                 None => PhraseBank::Prompts(&t.bank),
                 Some(Meanings { phrases, actions, threshold }) => {
@@ -194,8 +218,8 @@ fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
     let c = &source.checkpoint.config;
     let names: Vec<&str> = source.bank.iter().map(|e| e.name.as_str()).collect();
     let encoder = match source.text_encoder {
-        true => Some((words(source.checkpoint)?, transformer_config(c.form(), c.text)?)),
-        false => None,
+        true => Encoder::Words(words(source.checkpoint)?, transformer_config(c.form(), c.text)?),
+        false => Encoder::Stored,
     };
     let actions = c.meanings.iter().filter(|meaning| !meaning.style).count();
     let phrases: Vec<&str> = c.meanings.iter().map(|meaning| meaning.phrase.as_str()).collect();
@@ -208,8 +232,22 @@ fn text_config(source: &PriorSource<'_>) -> Result<Text, Error> {
         width: narrow(c.text.width, "width of the text encoder")?,
         max_words: narrow(c.max_words, "longest prompt")?,
         encoder,
+        length: TextLength::Head,
         bank: names.join("\n"),
         meanings: (!phrases.is_empty()).then_some(meanings),
+    })
+}
+
+/// Of prompts that are vectors.
+fn vector_config(source: &PublishedSource<'_>) -> Result<Text, Error> {
+    let names: Vec<&str> = source.bank.iter().map(|e| e.name.as_str()).collect();
+    Ok(Text {
+        width: narrow(source.vector(), "width of a prompt's vector")?,
+        max_words: 1,
+        encoder: Encoder::Vectors,
+        length: TextLength::Unsaid,
+        bank: names.join("\n"),
+        meanings: None,
     })
 }
 
@@ -247,7 +285,7 @@ fn control_config(control: &ControlCheckpoint) -> Result<ControlConfig, Error> {
     })
 }
 
-fn transformer_config(form: prior::Form, sizes: prior::Sizes) -> Result<TransformerConfig, Error> {
+pub(super) fn transformer_config(form: prior::Form, sizes: prior::Sizes) -> Result<TransformerConfig, Error> {
     Ok(TransformerConfig {
         width: narrow(sizes.width, "width of a transformer")?,
         heads: narrow(sizes.heads, "number of heads")?,
@@ -274,8 +312,18 @@ fn push_prior(tensors: &mut Vec<Tensor>, source: &PriorSource<'_>, prior: &Quant
     for part in &prior.text[if source.text_encoder { 0 } else { prior.text.len().saturating_sub(heads) }..] {
         push_part(tensors, part)?;
     }
-    let width = source.checkpoint.config.text.width;
-    for entry in source.bank {
+    push_bank(tensors, source.bank, source.checkpoint.config.text.width)?;
+    prior.planner.iter().try_for_each(|part| push_part(tensors, part))?;
+    if let Some(control) = source.control {
+        tensors.push(Tensor::vector("control.mean".into(), &control.statistics.mean)?);
+        tensors.push(Tensor::vector("control.std".into(), &control.statistics.std)?);
+    }
+    prior.control.iter().try_for_each(|part| push_part(tensors, part))
+}
+
+/// Stored prompts, rows of so many numbers.
+fn push_bank(tensors: &mut Vec<Tensor>, bank: &[bank::Entry], width: usize) -> Result<(), Error> {
+    for entry in bank {
         let mut bytes = Vec::with_capacity(2 * entry.rows.len());
         for &value in &entry.rows {
             let half = half::f16::from_f32(value);
@@ -290,12 +338,7 @@ fn push_prior(tensors: &mut Vec<Tensor>, source: &PriorSource<'_>, prior: &Quant
         let name = format!("bank.{}", tensors.iter().filter(|t| t.name.starts_with("bank.")).count());
         tensors.push(Tensor { name, dtype: DType::F16, shape, bytes });
     }
-    prior.planner.iter().try_for_each(|part| push_part(tensors, part))?;
-    if let Some(control) = source.control {
-        tensors.push(Tensor::vector("control.mean".into(), &control.statistics.mean)?);
-        tensors.push(Tensor::vector("control.std".into(), &control.statistics.std)?);
-    }
-    prior.control.iter().try_for_each(|part| push_part(tensors, part))
+    Ok(())
 }
 
 /// Hashes of words, their vectors in 4 bits, the scales of these; in the order of the hashes, as the vocabulary is.

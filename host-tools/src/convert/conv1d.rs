@@ -23,6 +23,11 @@ pub struct Options {
     /// Layers of the planner's blocks whose weights have four bits. The text encoder, the planner's first and last linear, its tables and the
     /// anchor control keep 8; so do linears whose inputs do not come in whole groups of [`motionette::kernels::GROUP`].
     pub four_bits: FourBits,
+    /// All weights of the decoder have 16 bits, those of its hidden layers too: twice the work and the bytes, for models that were never
+    /// meant for 8.
+    pub wide_layers: bool,
+    /// Those of a published planner likewise, but for [`Options::four_bits`].
+    pub wide_planner: bool,
 }
 
 /// Which layers of the planner's blocks have weights of four bits.
@@ -65,6 +70,8 @@ impl Default for Options {
             bias_correction: true,
             ridge: 0.03,
             four_bits: FourBits::NONE,
+            wide_layers: false,
+            wide_planner: false,
         }
     }
 }
@@ -77,6 +84,8 @@ impl Options {
         bias_correction: false,
         ridge: 0.0,
         four_bits: FourBits::NONE,
+        wide_layers: false,
+        wide_planner: false,
     };
 
     /// Whether captioned motions are of use.

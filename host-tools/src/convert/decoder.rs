@@ -74,6 +74,7 @@ pub fn quantise(
         .map(|u| Sample { exact: u.clone(), quantised: u.clone(), kept_exact: Vec::new(), kept_quantised: Vec::new() })
         .collect();
     let mut layers = Vec::new();
+    let all = |conv: &checkpoint::Conv1d, wide: usize| if options.wide_layers { conv.outputs } else { wide };
     for step in steps(decoder) {
         match step {
             Step::Keep => {
@@ -97,11 +98,11 @@ pub fn quantise(
             Step::Convolve(conv, geometry) => {
                 progress(&conv.name);
                 let wide = if core::ptr::eq(conv, &raw const decoder.output) { wide.min(conv.outputs) } else { 0 };
-                layers.push(layer(conv, geometry, wide, options, &mut samples, false));
+                layers.push(layer(conv, geometry, all(conv, wide), options, &mut samples, false));
             }
             Step::ConvolveAndAdd(conv) => {
                 progress(&conv.name);
-                layers.push(layer(conv, Geometry::POINT, 0, options, &mut samples, true));
+                layers.push(layer(conv, Geometry::POINT, all(conv, 0), options, &mut samples, true));
             }
         }
     }

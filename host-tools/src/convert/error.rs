@@ -56,6 +56,16 @@ pub enum Error {
     /// The prior does not belong to the tokenizer, or the control to the prior.
     #[error(transparent)]
     Prior(crate::checkpoint::ErrorKind),
+    /// A published planner does not belong to the tokenizer.
+    #[error("{what} are {found}, the tokenizer's are {expected}: the files are of different models")]
+    Planner {
+        /// What is compared.
+        what: String,
+        /// The planner's.
+        found: usize,
+        /// The tokenizer's.
+        expected: usize,
+    },
     /// A stored prompt that half precision cannot hold.
     #[error("the stored prompt {name:?} holds {value}, beyond the range of half precision (65504)")]
     Prompt {

@@ -15,6 +15,7 @@
 //! | [`conv1d`] | one layer |
 //! | [`decoder`] | all layers; each is calibrated on the output of the quantised layers before it |
 //! | [`prior`] | text encoder, planner and anchor control |
+//! | [`published`] | planners of MoMask and T2M-GPT |
 //! | [`bank`] | prompts encoded beforehand |
 //! | [`mod@blob`] | what of it all goes into the blob; its self-test |
 //! | [`lift`] | blobs of the format before this one |
@@ -28,16 +29,19 @@ pub mod error;
 pub mod lift;
 pub mod moments;
 pub mod prior;
+pub mod published;
 pub mod rounding;
 
 pub use conv1d::{FourBits, Options};
 pub use error::Error;
+pub use published::PublishedSource;
 pub use rounding::Rounding;
 
 use crate::blob::{AlignedBlob, QuantisedConv1d};
 use crate::checkpoint::{ControlCheckpoint, PriorCheckpoint, TokenizerCheckpoint};
 use crate::dataset::captioned::CaptionedMotion;
 use prior::{Inputs, QuantisedPrior};
+use published::QuantisedPublished;
 
 /// Longest motion of our models: 196 frames.
 pub const MAX_TOKENS: usize = 49;
@@ -66,6 +70,17 @@ pub struct Conversion {
     pub layers: Vec<QuantisedConv1d>,
     /// Its text encoder, planner and anchor control in integers.
     pub prior: Option<QuantisedPrior>,
+}
+
+/// What plans a blob's tokens, and its weights in integers.
+#[derive(Debug, Clone, Copy)]
+enum Planned<'a> {
+    /// Nothing.
+    Given,
+    /// A prior of our own.
+    Prior(&'a PriorSource<'a>, &'a QuantisedPrior),
+    /// A published planner.
+    Published(&'a PublishedSource<'a>, &'a QuantisedPublished),
 }
 
 /// A prior that goes into a blob, and how.
@@ -123,6 +138,29 @@ pub fn convert_with_prior(
             if options.calibrates_planner() { prior::inputs(p.checkpoint, checkpoint, p.cases) } else { Inputs::new() };
         prior::quantise(p.checkpoint, p.control, options, &inputs)
     });
-    let blob = blob::write(checkpoint, &layers, prior.zip(quantised.as_ref()), card)?;
+    let planned = match (&prior, &quantised) {
+        (Some(source), Some(quantised)) => Planned::Prior(source, quantised),
+        _ => Planned::Given,
+    };
+    let blob = blob::write(checkpoint, &layers, planned, card)?;
     Ok(Conversion { blob, layers, prior: quantised })
+}
+
+/// The same with a published planner.
+///
+/// # Errors
+/// [`Error`]; [`Error::Planner`] for a planner of another tokenizer.
+pub fn convert_published(
+    checkpoint: &TokenizerCheckpoint,
+    source: &PublishedSource<'_>,
+    options: &Options,
+    latents: &[Vec<f32>],
+    card: &CardText,
+    progress: impl FnMut(&str),
+) -> Result<Conversion, Error> {
+    source.check(checkpoint)?;
+    let layers = decoder::quantise(&checkpoint.decoder, ROOT_ROWS, options, latents, progress);
+    let quantised = source.quantise(options);
+    let blob = blob::write(checkpoint, &layers, Planned::Published(source, &quantised), card)?;
+    Ok(Conversion { blob, layers, prior: None })
 }

@@ -75,7 +75,7 @@ pub fn quantise(
     }
 }
 
-fn quantised(part: Part<'_>, options: &Options, inputs: &Inputs) -> QuantisedPart {
+pub(super) fn quantised(part: Part<'_>, options: &Options, inputs: &Inputs) -> QuantisedPart {
     let plain = |source: &Conv1d| QuantisedConv1d::new(source, (0, 8), &Options::PLAIN, None);
     match part {
         Part::Linear(linear) => {

@@ -41,6 +41,14 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
+    /// The array is no single vector.
+    #[error("{} holds an array of shape {shape:?}; save one vector, such as features[0]", path.display())]
+    Vector {
+        /// The file.
+        path: PathBuf,
+        /// Its shape.
+        shape: Vec<usize>,
+    },
     /// The header is not that of an array, or of none this program could hold.
     #[error("{} is not a NumPy array: {problem}", path.display())]
     Header {
@@ -91,6 +99,18 @@ pub fn read(path: &Path) -> Result<Array, Error> {
         npy.into_vec::<f32>().map_err(failed)?.into_iter().map(f64::from).collect()
     };
     Ok(Array { shape, data })
+}
+
+/// Reads one vector, of a shape with no more than one extent beside 1, as f32.
+///
+/// # Errors
+/// [`Error`], naming the file.
+pub fn vector(path: &Path) -> Result<Vec<f32>, Error> {
+    let Array { shape, data } = read(path)?;
+    if shape.iter().filter(|&&extent| extent != 1).count() > 1 {
+        return Err(Error::Vector { path: path.to_path_buf(), shape });
+    }
+    Ok(data.into_iter().map(|v| v as f32).collect())
 }
 
 /// Looks a file's header over before the format reader does, which recurses into nested brackets and multiplies sizes unchecked. Returns the

@@ -227,9 +227,9 @@ pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), 
         ("longest motion", usize::from(manifest.generator.max_tokens()), c.max_tokens),
         ("number of codes", usize::from(manifest.codec.decoder().codes), c.codes),
     ];
-    pairs.extend(text.encoder.iter().flat_map(|encoder| transformer(&encoder.transformer, c.text)));
+    pairs.extend(text.encoder.words().into_iter().flat_map(|encoder| transformer(&encoder.transformer, c.text)));
     pairs.extend(transformer(&planner.transformer, c.planner));
-    match text.encoder.map(|encoder| encoder.table) {
+    match text.encoder.words().map(|encoder| encoder.table) {
         None => {}
         Some(TextTable::Words(words)) => {
             let same = words.lines().zip(&c.vocabulary).take_while(|(a, b)| a == b).count();

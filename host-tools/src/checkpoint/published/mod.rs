@@ -58,6 +58,14 @@ pub fn load(path: &Path, options: Option<&Path>) -> core::result::Result<Publish
     read().map_err(|kind| Error { path: path.to_owned(), kind })
 }
 
+/// Whether a file holds tensors of a published planner; what cannot be read does not.
+#[must_use]
+pub fn is_published(path: &Path) -> bool {
+    let bytes = input::read(path, input::ANY).ok();
+    let map = bytes.and_then(|bytes| super::tensors_of(&bytes).ok());
+    map.is_some_and(|(map, _)| Kind::of(&map).is_ok())
+}
+
 /// Which planner some tensors are.
 enum Kind {
     Mask,

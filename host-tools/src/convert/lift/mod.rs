@@ -8,7 +8,7 @@ mod v3;
 use motionette::blob::{
     Activation, Card, Codec, ControlConfig, DecoderConfig, Generator, Guidance, HEADER_LEN, HumanMl3d, MAGIC, MAJOR,
     MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TextConfig,
-    TextEncoderConfig, TextLength, TextTable, TransformerConfig,
+    TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
 };
 use motionette::{Model, blob};
 use sha2::{Digest, Sha256};
@@ -209,9 +209,9 @@ fn text<'a>(old: &v3::Text<'a>) -> Result<TextConfig<'a>, Error> {
     Ok(TextConfig {
         width: old.width,
         max_words: old.max_words,
-        encoder: old.encoder.map(|encoder| TextEncoderConfig {
-            table: TextTable::Words(old.vocabulary),
-            transformer: transformer(encoder),
+        encoder: old.encoder.map_or(TextEncoding::Stored, |encoder| {
+            let table = TextTable::Words(old.vocabulary);
+            TextEncoding::Words(TextEncoderConfig { table, transformer: transformer(encoder) })
         }),
         length: TextLength::Head,
         bank: PhraseBank::Prompts(old.bank),
