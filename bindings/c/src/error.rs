@@ -61,7 +61,7 @@ pub enum mtn_error {
     ArenaTooSmall = 30,
     /// Floating point is not in its default state: rounding mode, flush-to-zero or default-NaN bits are set.
     FloatingPoint = 31,
-    /// A request has either a text, or a stored prompt, or tokens. `found`: how many of them are set; `limit`: 1.
+    /// A request has either a text, or a stored prompt, or a vector, or tokens. `found`: how many of them are set; `limit`: 1.
     Source = 32,
     /// No tokens, too many, or numbers that are no whole tokens. `found`: how many; `limit`: most tokens of the
     /// model.
@@ -95,6 +95,18 @@ pub enum mtn_error {
     Steps = 49,
     /// Guidance is not a number from 0 to 100.
     Guidance = 50,
+    /// The model takes no words: prompts are vectors of another encoder. `found`: prompts it stores; `limit`: numbers of a vector.
+    PromptVectors = 51,
+    /// The model takes prompts in words, not as vectors.
+    PromptNoVectors = 52,
+    /// The vector is of another encoder. `found`: its numbers; `limit`: numbers of one that the model takes.
+    PromptVectorWidth = 53,
+    /// A number of the vector is not finite or too large. `index`: its place.
+    PromptVectorValue = 54,
+    /// All numbers of the vector are zero.
+    PromptVectorZero = 55,
+    /// The planner ended the motion before its first token: give a length, or another seed.
+    MotionEmpty = 56,
 
     /// Too many anchors. `found`: how many; `limit`: most there may be.
     TooManyAnchors = 60,
@@ -175,7 +187,7 @@ static MESSAGES: &[(mtn_error, &CStr)] = &[
     (mtn_error::BlobNotLinked, c"the blob or the request needs a family that this library was built without"),
     (mtn_error::ArenaTooSmall, c"the arena is too small for the request"),
     (mtn_error::FloatingPoint, c"floating point is not in its default state"),
-    (mtn_error::Source, c"a request has either a text, or a stored prompt, or tokens"),
+    (mtn_error::Source, c"a request has either a text, or a stored prompt, or a vector, or tokens"),
     (mtn_error::TokenCount, c"the request has no tokens, too many, or numbers that are no whole tokens"),
     (mtn_error::TokenOutOfRange, c"the codebook has no such token"),
     (mtn_error::Aborted, c"the progress callback aborted the request"),
@@ -191,6 +203,12 @@ static MESSAGES: &[(mtn_error, &CStr)] = &[
     (mtn_error::MotionLength, c"the motion is too long"),
     (mtn_error::Steps, c"the planner takes 1 to 1000 steps"),
     (mtn_error::Guidance, c"guidance must be a number from 0 to 100"),
+    (mtn_error::PromptVectors, c"the model takes no words: give the prompt as a vector, or one that it stores"),
+    (mtn_error::PromptNoVectors, c"the model takes prompts in words, not as vectors"),
+    (mtn_error::PromptVectorWidth, c"the prompt is a vector of another encoder: it has not as many numbers as the model takes"),
+    (mtn_error::PromptVectorValue, c"a number of the prompt's vector is not finite or too large"),
+    (mtn_error::PromptVectorZero, c"the prompt's vector is all zeros"),
+    (mtn_error::MotionEmpty, c"the planner ended the motion before its first token"),
     (mtn_error::TooManyAnchors, c"too many anchors"),
     (mtn_error::UnknownFamily, c"an anchor has an unknown family"),
     (mtn_error::AnchorFrame, c"an anchor lies behind the end of the motion"),
@@ -291,6 +309,13 @@ impl From<PromptError> for mtn_result {
             PromptError::TooLong { found, limit } => numbers(mtn_error::PromptTooLong, found, limit),
             PromptError::TooManyWords { found, limit } => numbers(mtn_error::PromptTooManyWords, found, limit),
             PromptError::OnlyUnknownWords { words } => numbers(mtn_error::PromptUnknownWords, words, 0),
+            PromptError::Vectors { width, stored } => numbers(mtn_error::PromptVectors, stored, width),
+            PromptError::NoVectors => mtn_error::PromptNoVectors.into(),
+            PromptError::VectorWidth { found, width } => numbers(mtn_error::PromptVectorWidth, found, width),
+            PromptError::VectorValue { index } => {
+                mtn_result { index: clamped(index), ..mtn_error::PromptVectorValue.into() }
+            }
+            PromptError::ZeroVector => mtn_error::PromptVectorZero.into(),
             PromptError::NotStored { stored } => numbers(mtn_error::PromptNotStored, stored, 0),
             _ => mtn_error::Other.into(),
         }
@@ -301,6 +326,7 @@ impl From<PlanningError> for mtn_result {
     fn from(error: PlanningError) -> Self {
         match error {
             PlanningError::NoPlanner => mtn_error::NoPlanner.into(),
+            PlanningError::Nothing => mtn_error::MotionEmpty.into(),
             PlanningError::Length { found, limit } => numbers(mtn_error::MotionLength, found, limit),
             PlanningError::Steps { found, limit } => numbers(mtn_error::Steps, usize::from(found), usize::from(limit)),
             PlanningError::Guidance { .. } => mtn_error::Guidance.into(),

@@ -232,7 +232,11 @@ pub unsafe extern "C" fn mtn_generate(
         // SAFETY: as above, for as long as this call lasts.
         let request = unsafe { request.resolved(&anchors) }?;
         let mut watch = Watch { progress, context };
-        let work = |generator: &mut Generator<'static>| Ok(mtn_motion::new(&generator.generate(&request, &mut watch)?));
+        let work = |generator: &mut Generator<'static>| {
+            // C says nothing of how proposals are drawn: as the planner is meant to.
+            let request = request.sampling(generator.model().default_planning().sampling);
+            Ok(mtn_motion::new(&generator.generate(&request, &mut watch)?))
+        };
         // SAFETY: aligned; the caller promises storage and one thread at a time.
         let made = unsafe { Slot::with(slot, 0, work) }?;
         // SAFETY: aligned; the caller promises room for a motion.

@@ -9,7 +9,7 @@ use motionette::{Error, Limits, MAX_STEPS, Model, Plan, PlanningError, PlanningL
 
 use crate::error::{mtn_error, mtn_result, report};
 use crate::pointer::{Slot, clamped, place, slice};
-use crate::request::refinement;
+use crate::request::{mtn_request, refinement};
 
 /// Words of `mtn_model`'s storage.
 pub const MTN_MODEL_WORDS: usize = 544;
@@ -42,7 +42,7 @@ const _: () = assert!(MTN_ROWS == motionette::ROWS);
 pub struct mtn_limits {
     /// Frames of the motion; 0: the longest motion of the model, as a request of predicted length needs it.
     pub frames: usize,
-    /// Words of the prompt; 0: the tokens are given.
+    /// Words of the prompt, 1 for one that is a vector; 0: the tokens are given.
     pub words: usize,
     /// Anchors, at most `MTN_MAX_ANCHORS`.
     pub anchors: usize,
@@ -101,6 +101,40 @@ pub unsafe extern "C" fn mtn_model_open(model: *mut mtn_model, blob: *const c_vo
     })
 }
 
+/// Sets steps and guidance of a request to what the model's planner is meant for. Other planners than that of
+/// `mtn_request_default` need it: MoMask's takes ten steps at guidance 4, T2M-GPT's is not guided.
+///
+/// # Safety
+/// `model` is zeroed storage or one that `mtn_model_open` was called with; `request` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_request_for(model: *const mtn_model, request: *mut mtn_request) -> mtn_result {
+    report(|| {
+        // SAFETY: aligned; the caller promises storage that stays as it is during this call.
+        let model = unsafe { Slot::get(place(model, 0)?.cast::<Opened>(), 0) }?;
+        let meant = model.default_planning();
+        // SAFETY: aligned; the caller promises a value that is its own.
+        let request = unsafe { &mut *place(request, 1)?.cast_mut() };
+        (request.steps, request.guidance) = (meant.steps, meant.guidance);
+        Ok(())
+    })
+}
+
+/// Numbers of a vector that the model takes as a prompt into `width`; 0 for models that take words.
+///
+/// # Safety
+/// `model` is zeroed storage or one that `mtn_model_open` was called with; `width` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_model_vector_width(model: *const mtn_model, width: *mut usize) -> mtn_result {
+    report(|| {
+        // SAFETY: aligned; the caller promises storage that stays as it is during this call.
+        let model = unsafe { Slot::get(place(model, 0)?.cast::<Opened>(), 0) }?;
+        let out = place(width, 1)?.cast_mut();
+        // SAFETY: aligned; the caller promises room for a number.
+        unsafe { out.write(model.vector_width().unwrap_or(0)) };
+        Ok(())
+    })
+}
+
 /// Says what the largest request inside `limits` will need: bytes of arena, exactly, and multiply-accumulates at
 /// most.
 ///
@@ -154,7 +188,8 @@ impl mtn_limits {
             if self.steps == 0 || self.steps > MAX_STEPS {
                 return Err(PlanningError::Steps { found: self.steps, limit: MAX_STEPS }.into());
             }
-            let (words, steps) = (self.words, self.steps);
+            let words = if model.vector_width().is_some() { 0 } else { self.words };
+            let steps = self.steps;
             let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0);
             planning = Some(PlanningLimits { words, steps, guided, anchors, clauses: 1 });
         }

@@ -1,6 +1,6 @@
 //! What is to be made, as C says it.
 
-use core::ffi::c_char;
+use core::ffi::{c_char, c_void};
 
 use motionette::MAX_PROMPT;
 use motionette::refining::Config;
@@ -39,7 +39,7 @@ pub struct mtn_anchor {
     pub joint: u8,
 }
 
-/// One motion to be made: begin with `mtn_request_default`, then set one of `text`, `stored` and `tokens`.
+/// One motion to be made: begin with `mtn_request_default`, then set one of `text`, `stored`, `vector` and `tokens`.
 ///
 /// The library reads what is pointed to during `mtn_generate` only.
 #[repr(C)]
@@ -49,6 +49,11 @@ pub struct mtn_request {
     pub text: *const c_char,
     /// Name of a prompt that the blob stores, likewise; or null.
     pub stored: *const c_char,
+    /// Prompt as a vector of the encoder that the model was trained with, `vector_count` numbers, for models that take no words (MoMask's,
+    /// T2M-GPT's); or null. Say `mtn_request_for` for them.
+    pub vector: *const f32,
+    /// Numbers in `vector`, as `mtn_model_vector_width` says.
+    pub vector_count: usize,
     /// Motion tokens `[L][Q]` for the model's Q quantizers (4 frames a token), instead of a prompt; or null.
     pub tokens: *const u16,
     /// Numbers in `tokens`.
@@ -87,6 +92,8 @@ pub extern "C" fn mtn_request_default() -> mtn_request {
     mtn_request {
         text: core::ptr::null(),
         stored: core::ptr::null(),
+        vector: core::ptr::null(),
+        vector_count: 0,
         tokens: core::ptr::null(),
         token_count: 0,
         anchors: core::ptr::null(),
@@ -147,14 +154,19 @@ impl mtn_request {
     /// # Safety
     /// What the request points to MUST be readable and unchanged for `'r`.
     pub(crate) unsafe fn resolved<'r>(&self, anchors: &'r Anchors) -> Result<Request<'r>, mtn_result> {
-        let sources = [!self.text.is_null(), !self.stored.is_null(), !self.tokens.is_null()];
+        let pointers = [self.text.cast(), self.stored.cast(), self.vector.cast(), self.tokens.cast::<c_void>()];
+        let sources = pointers.map(|pointer: *const c_void| !pointer.is_null());
         let source = match sources {
             // SAFETY: the caller vouches for the text.
-            [true, false, false] => Source::Text(Prompt::Text(unsafe { text(self.text) }?)),
+            [true, false, false, false] => Source::Text(Prompt::Text(unsafe { text(self.text) }?)),
             // SAFETY: the caller vouches for the name.
-            [false, true, false] => Source::Text(Prompt::Bank(unsafe { text(self.stored) }?)),
+            [false, true, false, false] => Source::Text(Prompt::Bank(unsafe { text(self.stored) }?)),
+            // SAFETY: the caller vouches for the vector.
+            [false, false, true, false] => {
+                Source::Text(Prompt::Vector(unsafe { slice(self.vector, self.vector_count, 1) }?))
+            }
             // SAFETY: the caller vouches for the tokens.
-            [false, false, true] => Source::Tokens(unsafe { slice(self.tokens, self.token_count, 1) }?),
+            [false, false, false, true] => Source::Tokens(unsafe { slice(self.tokens, self.token_count, 1) }?),
             _ => {
                 let found = sources.iter().map(|&given| u32::from(given)).sum();
                 return Err(mtn_result { found, limit: 1, ..mtn_error::Source.into() });
