@@ -43,7 +43,7 @@ struct FeatureSet {
 
 /// Motions from text through anchors, without servos: what the check image links where nothing else is said.
 const GENERATOR: &str = "generate,families";
-const FEATURE_SETS: [FeatureSet; 6] = [
+const FEATURE_SETS: [FeatureSet; 8] = [
     FeatureSet { name: "all", features: "generate,families,playback", budget: 227 * 1024 },
     FeatureSet { name: "no playback", features: GENERATOR, budget: 197 * 1024 },
     FeatureSet {
@@ -57,6 +57,16 @@ const FEATURE_SETS: [FeatureSet; 6] = [
         budget: 184 * 1024,
     },
     FeatureSet { name: "no playback, no planner", features: "generate,motionette/refining", budget: 138 * 1024 },
+    FeatureSet {
+        name: "no playback, MoMask's planners alone",
+        features: "generate,motionette/residual,motionette/wide-layers,motionette/editing",
+        budget: 168 * 1024,
+    },
+    FeatureSet {
+        name: "no playback, T2M-GPT's planner alone",
+        features: "generate,motionette/autoregressive,motionette/wide-layers,motionette/editing",
+        budget: 160 * 1024,
+    },
     FeatureSet { name: "playback only", features: "playback", budget: 40 * 1024 },
 ];
 

@@ -18,7 +18,7 @@
 #include <stdint.h>
 
 // Words of `mtn_model`'s storage.
-#define MTN_MODEL_WORDS 544
+#define MTN_MODEL_WORDS 640
 
 // Rows that pass through a layer at a time unless a generator is told otherwise.
 #define MTN_ROWS 8
@@ -30,7 +30,7 @@
 #define MTN_MAX_ANCHORS 32
 
 // Words of `mtn_generator`'s storage.
-#define MTN_GENERATOR_WORDS 544
+#define MTN_GENERATOR_WORDS 640
 
 // Likeliest actions of `mtn_understood`.
 #define MTN_NEAREST 3
@@ -101,7 +101,7 @@ enum mtn_error
     MTN_ERROR_ARENA_TOO_SMALL = 30,
     // Floating point is not in its default state: rounding mode, flush-to-zero or default-NaN bits are set.
     MTN_ERROR_FLOATING_POINT = 31,
-    // A request has either a text, or a stored prompt, or tokens. `found`: how many of them are set; `limit`: 1.
+    // A request has either a text, or a stored prompt, or a vector, or tokens. `found`: how many of them are set; `limit`: 1.
     MTN_ERROR_SOURCE = 32,
     // No tokens, too many, or numbers that are no whole tokens. `found`: how many; `limit`: most tokens of the
     // model.
@@ -134,6 +134,18 @@ enum mtn_error
     MTN_ERROR_STEPS = 49,
     // Guidance is not a number from 0 to 100.
     MTN_ERROR_GUIDANCE = 50,
+    // The model takes no words: prompts are vectors of another encoder. `found`: prompts it stores; `limit`: numbers of a vector.
+    MTN_ERROR_PROMPT_VECTORS = 51,
+    // The model takes prompts in words, not as vectors.
+    MTN_ERROR_PROMPT_NO_VECTORS = 52,
+    // The vector is of another encoder. `found`: its numbers; `limit`: numbers of one that the model takes.
+    MTN_ERROR_PROMPT_VECTOR_WIDTH = 53,
+    // A number of the vector is not finite or too large. `index`: its place.
+    MTN_ERROR_PROMPT_VECTOR_VALUE = 54,
+    // All numbers of the vector are zero.
+    MTN_ERROR_PROMPT_VECTOR_ZERO = 55,
+    // The planner ended the motion before its first token: give a length, or another seed.
+    MTN_ERROR_MOTION_EMPTY = 56,
     // Too many anchors. `found`: how many; `limit`: most there may be.
     MTN_ERROR_TOO_MANY_ANCHORS = 60,
     // `index`: the anchor; `found`: its family, which is none of `MTN_FAMILY_*`.
@@ -251,11 +263,69 @@ typedef struct mtn_model {
     size_t opaque[MTN_MODEL_WORDS];
 } mtn_model;
 
+// What an anchor holds: one of `MTN_FAMILY_*`.
+typedef uint8_t mtn_family;
+
+// Part of the body, time and place that the motion must pass through.
+typedef struct mtn_anchor {
+    // Wanted position `[x, y, z]`, metres.
+    float position[3];
+    // Frame at which it must be met, 0 is the first.
+    uint16_t frame;
+    // What is to be there.
+    mtn_family family;
+    // Which `mtn_joint`, for `MTN_FAMILY_JOINT`; otherwise not looked at.
+    uint8_t joint;
+} mtn_anchor;
+
+// One motion to be made: begin with `mtn_request_default`, then set one of `text`, `stored`, `vector` and `tokens`.
+//
+// The library reads what is pointed to during `mtn_generate` only.
+typedef struct mtn_request {
+    // Prompt, UTF-8, at most 4096 bytes and a zero behind them; or null.
+    const char *text;
+    // Name of a prompt that the blob stores, likewise; or null.
+    const char *stored;
+    // Prompt as a vector of the encoder that the model was trained with, `vector_count` numbers, for models that take no words (MoMask's,
+    // T2M-GPT's); or null. Say `mtn_request_for` for them.
+    const float *vector;
+    // Numbers in `vector`, as `mtn_model_vector_width` says.
+    size_t vector_count;
+    // Motion tokens `[L][Q]` for the model's Q quantizers (4 frames a token), instead of a prompt; or null.
+    const uint16_t *tokens;
+    // Numbers in `tokens`.
+    size_t token_count;
+    // Anchors in any order; may be null when there are none.
+    const struct mtn_anchor *anchors;
+    // Anchors, at most `MTN_MAX_ANCHORS`.
+    size_t anchor_count;
+    // Seed of the planner; the same request, seed and blob give the same bits on every machine.
+    uint64_t seed;
+    // Weight of text and anchors in the planner, 0 to 100; 1 is off and halves its work.
+    float guidance;
+    // Length, taken to the next whole token; 0: what the text suggests. Of no account for tokens.
+    uint16_t frames;
+    // Planner steps, 1 to 1000.
+    uint16_t steps;
+    // Decoder evaluations of the refinement onto the anchors; 0: anchors are for the planner only, unless `exact` is set.
+    uint16_t evaluations;
+    // Not 0: the planner does not see the anchors, they only refine.
+    uint16_t unconditioned;
+    // Not 0: the joints are edited behind the decoder, after `evaluations` of it, which may then be 0, until the anchors are met; feet
+    // stay where they stand, with anchors and without.
+    uint16_t exact;
+    // Not 0: of this edit, feet do not stay where they stand.
+    uint16_t free_feet;
+    // Skeleton of the body that moves, a robot's: offset of each of the `MTN_JOINTS` joints from its parent at rest, `[22][3]`, metres, y up,
+    // the left at +x, in the order of `mtn_joint`; anchors are in its world. Null: the model's own.
+    const float (*bones)[MTN_JOINTS][3];
+} mtn_request;
+
 // Largest request that is to be served.
 typedef struct mtn_limits {
     // Frames of the motion; 0: the longest motion of the model, as a request of predicted length needs it.
     size_t frames;
-    // Words of the prompt; 0: the tokens are given.
+    // Words of the prompt, 1 for one that is a vector; 0: the tokens are given.
     size_t words;
     // Anchors, at most `MTN_MAX_ANCHORS`.
     size_t anchors;
@@ -288,59 +358,6 @@ typedef struct mtn_plan {
     // Decoder gradients at most.
     uint32_t gradients;
 } mtn_plan;
-
-// What an anchor holds: one of `MTN_FAMILY_*`.
-typedef uint8_t mtn_family;
-
-// Part of the body, time and place that the motion must pass through.
-typedef struct mtn_anchor {
-    // Wanted position `[x, y, z]`, metres.
-    float position[3];
-    // Frame at which it must be met, 0 is the first.
-    uint16_t frame;
-    // What is to be there.
-    mtn_family family;
-    // Which `mtn_joint`, for `MTN_FAMILY_JOINT`; otherwise not looked at.
-    uint8_t joint;
-} mtn_anchor;
-
-// One motion to be made: begin with `mtn_request_default`, then set one of `text`, `stored` and `tokens`.
-//
-// The library reads what is pointed to during `mtn_generate` only.
-typedef struct mtn_request {
-    // Prompt, UTF-8, at most 4096 bytes and a zero behind them; or null.
-    const char *text;
-    // Name of a prompt that the blob stores, likewise; or null.
-    const char *stored;
-    // Motion tokens `[L][Q]` for the model's Q quantizers (4 frames a token), instead of a prompt; or null.
-    const uint16_t *tokens;
-    // Numbers in `tokens`.
-    size_t token_count;
-    // Anchors in any order; may be null when there are none.
-    const struct mtn_anchor *anchors;
-    // Anchors, at most `MTN_MAX_ANCHORS`.
-    size_t anchor_count;
-    // Seed of the planner; the same request, seed and blob give the same bits on every machine.
-    uint64_t seed;
-    // Weight of text and anchors in the planner, 0 to 100; 1 is off and halves its work.
-    float guidance;
-    // Length, taken to the next whole token; 0: what the text suggests. Of no account for tokens.
-    uint16_t frames;
-    // Planner steps, 1 to 1000.
-    uint16_t steps;
-    // Decoder evaluations of the refinement onto the anchors; 0: anchors are for the planner only, unless `exact` is set.
-    uint16_t evaluations;
-    // Not 0: the planner does not see the anchors, they only refine.
-    uint16_t unconditioned;
-    // Not 0: the joints are edited behind the decoder, after `evaluations` of it, which may then be 0, until the anchors are met; feet
-    // stay where they stand, with anchors and without.
-    uint16_t exact;
-    // Not 0: of this edit, feet do not stay where they stand.
-    uint16_t free_feet;
-    // Skeleton of the body that moves, a robot's: offset of each of the `MTN_JOINTS` joints from its parent at rest, `[22][3]`, metres, y up,
-    // the left at +x, in the order of `mtn_joint`; anchors are in its world. Null: the model's own.
-    const float (*bones)[MTN_JOINTS][3];
-} mtn_request;
 
 // Makes motions of one model in one arena. Opaque: give it zeroed storage (a `static` is), call
 // `mtn_generator_open`, and do not copy it.
@@ -475,6 +492,19 @@ const char *mtn_error_message(int32_t error);
 // # Safety
 // `model` is storage for one `mtn_model`; `blob` points to `blob_bytes` readable bytes.
 struct mtn_result mtn_model_open(struct mtn_model *model, const void *blob, size_t blob_bytes);
+
+// Sets steps and guidance of a request to what the model's planner is meant for. Other planners than that of
+// `mtn_request_default` need it: MoMask's takes ten steps at guidance 4, T2M-GPT's is not guided.
+//
+// # Safety
+// `model` is zeroed storage or one that `mtn_model_open` was called with; `request` is valid.
+struct mtn_result mtn_request_for(const struct mtn_model *model, struct mtn_request *request);
+
+// Numbers of a vector that the model takes as a prompt into `width`; 0 for models that take words.
+//
+// # Safety
+// `model` is zeroed storage or one that `mtn_model_open` was called with; `width` is valid.
+struct mtn_result mtn_model_vector_width(const struct mtn_model *model, size_t *width);
 
 // Says what the largest request inside `limits` will need: bytes of arena, exactly, and multiply-accumulates at
 // most.

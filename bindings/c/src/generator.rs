@@ -13,7 +13,7 @@ use crate::pointer::{Slot, place, slice, slice_mut};
 use crate::request::{Anchors, MTN_JOINTS, mtn_request};
 
 /// Words of `mtn_generator`'s storage.
-pub const MTN_GENERATOR_WORDS: usize = 544;
+pub const MTN_GENERATOR_WORDS: usize = 640;
 
 /// Makes motions of one model in one arena. Opaque: give it zeroed storage (a `static` is), call
 /// `mtn_generator_open`, and do not copy it.

@@ -12,7 +12,7 @@ use crate::pointer::{Slot, clamped, place, slice};
 use crate::request::{mtn_request, refinement};
 
 /// Words of `mtn_model`'s storage.
-pub const MTN_MODEL_WORDS: usize = 544;
+pub const MTN_MODEL_WORDS: usize = 640;
 
 /// An opened blob. Opaque: give it zeroed storage (a `static` is), call `mtn_model_open`, and do not copy it.
 #[repr(C)]

@@ -218,6 +218,12 @@ fn numbers_of_errors_stay_what_they_were() {
         (E::MotionLength, 48),
         (E::Steps, 49),
         (E::Guidance, 50),
+        (E::PromptVectors, 51),
+        (E::PromptNoVectors, 52),
+        (E::PromptVectorWidth, 53),
+        (E::PromptVectorValue, 54),
+        (E::PromptVectorZero, 55),
+        (E::MotionEmpty, 56),
         (E::TooManyAnchors, 60),
         (E::UnknownFamily, 61),
         (E::AnchorFrame, 62),
@@ -370,6 +376,10 @@ fn requests_are_refused_with_their_numbers() {
     assert_eq!(refused(mtn_request { frames: 200, ..text(c"walk") }), result(mtn_error::MotionLength, 0, 50, 49));
     let name = mtn_request { stored: c"no such prompt".as_ptr(), ..mtn_request_default() };
     assert_eq!(refused(name).error, mtn_error::PromptNotStored);
+    let vector = [0.5; 512];
+    let vector = mtn_request { vector: vector.as_ptr(), vector_count: 512, ..mtn_request_default() };
+    assert_eq!(refused(vector), result(mtn_error::PromptNoVectors, 0, 0, 0));
+    assert_eq!(refused(mtn_request { text: c"wave".as_ptr(), ..vector }), result(mtn_error::Source, 0, 2, 1));
     let motion = bench.generate(&text(c"a person zorbs forward")).unwrap();
     assert_eq!((motion.words, motion.unknown_words, motion.frames), (4, 1, 8));
 }

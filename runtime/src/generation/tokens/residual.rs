@@ -8,7 +8,7 @@ use super::head::Head;
 use crate::blob::{Error, HeadConfig, ResidualConfig, Tensors};
 use crate::codec::codebook::Codebooks;
 use crate::nn::attention::Heads;
-use crate::nn::block::{BlockScratch, Sizes, Stack, StackScratch, below};
+use crate::nn::block::{self, Sizes, Stack, StackScratch, below, heads};
 use crate::nn::embedding::Embedding;
 use crate::nn::linear::Linear;
 use crate::nn::norm::MAX_INPUT;
@@ -16,26 +16,38 @@ use crate::stop::{Check, Stop};
 use crate::text::Text;
 use core::ops::ControlFlow;
 
-/// The planner of further quantizers in flash.
+/// The planner of further quantizers. Its layers stay in the tensor table and are resolved when they are used, as a stack's blocks are.
 #[derive(Debug, Clone, Copy)]
 pub struct Residual<'a> {
-    guidance: f32,
+    config: ResidualConfig,
+    /// Numbers of a text's vector.
+    text: u16,
     codes: u16,
+    quantizers: u16,
+    max_tokens: u16,
+    /// Weights, keys and values have 16 bits.
+    #[cfg(feature = "wide-layers")]
+    wide: bool,
+    first: Tensors<'a>,
+}
+
+/// Its layers.
+#[derive(Debug, Clone, Copy)]
+struct Layers<'a> {
     condition: Linear<'a>,
     quantizer: Embedding<'a>,
     position: Embedding<'a>,
+    /// What tokens of each quantizer but the last come in as.
+    tables: Tensors<'a>,
     stack: Stack<'a>,
     /// With the last layer of the second quantizer.
     head: Head<'a>,
-    /// What tokens of each quantizer but the last come in as, left in the tensor table.
-    tables: Tensors<'a>,
-    /// Last layers of the third quantizer and on, likewise.
+    /// Last layers of the third quantizer and on.
     outs: Tensors<'a>,
-    quantizers: u16,
 }
 
 impl<'a> Residual<'a> {
-    /// Reads it from the next tensors, for motions of up to so many tokens, and checks that activations stay finite.
+    /// Checks it in the next tensors, for motions of up to so many tokens, and that activations stay finite.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor.
@@ -46,91 +58,135 @@ impl<'a> Residual<'a> {
         codebooks: &Codebooks<'_>,
         max_tokens: u16,
     ) -> Result<Self, Error> {
-        let ResidualConfig { transformer, epsilon, guidance } = *config;
-        let (width, first) = (transformer.width, tensors.index());
-        let dims = u16::try_from(text.width()).map_err(|_| Error::Manifest)?;
-        let codes = u16::try_from(codebooks.codes()).map_err(|_| Error::Manifest)?;
-        let quantizers = u16::try_from(codebooks.quantizers()).map_err(|_| Error::Manifest)?;
-        let classes = codes.saturating_add(1);
-        let condition = Linear::open(tensors, dims, width)?;
-        let quantizer = Embedding::open(tensors, quantizers, width)?;
-        let position = Embedding::open(tensors, max_tokens, width)?;
-        let (tables, mut rows) = (tensors.trusted(), position.bound());
-        for _ in 1..quantizers {
-            rows += Embedding::open(tensors, classes, width)?.bound();
+        let first = tensors.index();
+        let small = |value: usize| u16::try_from(value).map_err(|_| Error::Manifest);
+        let residual = Residual {
+            config: *config,
+            text: small(text.width())?,
+            codes: small(codebooks.codes())?,
+            quantizers: small(codebooks.quantizers())?,
+            max_tokens,
+            #[cfg(feature = "wide-layers")]
+            wide: false,
+            first: tensors.trusted(),
+        };
+        let Layers { condition, quantizer, position, mut tables, stack, head, mut outs } = residual.layers(tensors)?;
+        let mut rows = position.bound();
+        for _ in 1..residual.quantizers {
+            rows += residual.table(&mut tables)?.bound();
         }
-        let stack = Stack::open(tensors, transformer, None)?;
-        let head = Head::open(tensors, &transformer, HeadConfig::Dense { epsilon }, classes, false)?;
-        let outs = tensors.trusted();
-        for _ in 2..quantizers {
-            let index = tensors.index();
-            head.check(&Linear::open(tensors, width, classes)?, index)?;
+        for _ in 2..residual.quantizers {
+            let index = outs.index();
+            head.check(&residual.out(&mut outs)?, index)?;
         }
         let others = [condition.bound(text.bound()), quantizer.bound()];
         let rows = others.into_iter().fold(rows, |bound, other| if other > bound { other } else { bound });
         let rows = stack.bound(below(rows, MAX_INPUT, first)?, 0.0, 0.0)?;
         below(head.inner_bound(rows), MAX_INPUT, first)?;
-        Ok(Residual { guidance, codes, condition, quantizer, position, stack, head, tables, outs, quantizers })
+        Ok(Residual {
+            #[cfg(feature = "wide-layers")]
+            wide: stack.wide(),
+            ..residual
+        })
+    }
+
+    /// Reads its layers from the next tensors.
+    #[inline(never)]
+    fn layers(&self, tensors: &mut Tensors<'a>) -> Result<Layers<'a>, Error> {
+        let ResidualConfig { transformer, epsilon, .. } = self.config;
+        let width = transformer.width;
+        let condition = Linear::open(tensors, self.text, width)?;
+        let quantizer = Embedding::open(tensors, self.quantizers, width)?;
+        let position = Embedding::open(tensors, self.max_tokens, width)?;
+        let tables = tensors.trusted();
+        for _ in 1..self.quantizers {
+            self.table(tensors)?;
+        }
+        let stack = Stack::open(tensors, transformer, None)?;
+        let head = Head::open(tensors, &transformer, HeadConfig::Dense { epsilon }, self.classes(), false)?;
+        let outs = tensors.trusted();
+        for _ in 2..self.quantizers {
+            self.out(tensors)?;
+        }
+        Ok(Layers { condition, quantizer, position, tables, stack, head, outs })
+    }
+
+    /// Those that opened once.
+    fn opened(&self) -> Option<Layers<'a>> {
+        let layers = self.layers(&mut { self.first });
+        invariant!(layers.is_ok(), "{layers:?}");
+        layers.ok()
+    }
+
+    /// The next table of tokens.
+    fn table(&self, tensors: &mut Tensors<'a>) -> Result<Embedding<'a>, Error> {
+        Embedding::open(tensors, self.classes(), self.config.transformer.width)
+    }
+
+    /// The next last layer.
+    fn out(&self, tensors: &mut Tensors<'a>) -> Result<Linear<'a>, Error> {
+        Linear::open(tensors, self.config.transformer.width, self.classes())
+    }
+
+    const fn classes(&self) -> u16 {
+        self.codes.saturating_add(1)
     }
 
     /// Width of a row.
     #[must_use]
     pub const fn width(&self) -> usize {
-        self.stack.config().width as usize
+        self.config.transformer.width as usize
     }
 
     /// Whether keys and values have 16 bits.
     #[cfg(feature = "wide-layers")]
     #[must_use]
     pub const fn wide(&self) -> bool {
-        self.stack.wide()
+        self.wide
     }
 
     /// How it is split.
     #[must_use]
     pub const fn heads(&self) -> Heads {
-        self.stack.heads()
+        heads(&self.config.transformer)
     }
 
     /// How strongly the text guides.
     #[must_use]
     pub const fn guidance(&self) -> f32 {
-        self.guidance
+        self.config.guidance
     }
 
     /// Whether that takes a second pass.
     #[must_use]
     pub fn guided(&self) -> bool {
-        self.guidance != 1.0
+        self.config.guidance != 1.0
     }
 
     /// Behind the last block, of a quantizer from 1 on.
     #[must_use]
-    pub fn head(&self, quantizer: usize) -> Head<'a> {
-        let (mut outs, mut head) = (self.outs, self.head);
+    pub fn head(&self, quantizer: usize) -> Option<Head<'a>> {
+        let Layers { mut head, mut outs, .. } = self.opened()?;
         for _ in 1..quantizer {
-            // They opened once, so they open again.
-            let out = Linear::open(&mut outs, self.stack.config().width, self.codes.saturating_add(1));
-            invariant!(out.is_ok(), "{out:?}");
-            head = out.map_or(head, |out| head.with(out));
+            head = head.with(self.out(&mut outs).ok()?);
         }
-        head
+        Some(head)
     }
 
     /// What a [`BlockScratch`](crate::nn::block::BlockScratch) must serve for so many tokens.
     #[must_use]
     pub fn sizes(&self, tokens: usize) -> Sizes {
-        let inputs = self.condition.inputs();
-        self.stack.sizes(2 + tokens, 0, 0).with(Sizes { inputs, ..Sizes::default() })
+        block::sizes(&self.config.transformer, usize::from(self.text), 2 + tokens, 0)
     }
 
     /// Multiply-accumulates of all passes over so many tokens, logits included.
     #[must_use]
     pub fn macs(&self, tokens: usize) -> u64 {
+        let Some(Layers { condition, stack, head, .. }) = self.opened() else { return 0 };
         let (rows, all) = (2 + tokens, u64::from(self.quantizers.saturating_sub(1)));
-        let pass = self.condition.macs() + self.stack.macs(rows, 0, 0) + rows as u64 * self.head.hidden_macs();
+        let pass = condition.macs() + stack.macs(rows, 0, 0) + rows as u64 * head.hidden_macs();
         let passes = if self.guided() { 2 } else { 1 };
-        all * (passes * pass + tokens as u64 * self.head.out().macs())
+        all * (passes * pass + tokens as u64 * head.out().macs())
     }
 
     /// One pass for `quantizer`: hidden rows into `x [2 + L][d]`, given a text's vector and the tokens `[L][Q]` of the quantizers before.
@@ -145,13 +201,20 @@ impl<'a> Residual<'a> {
         scratch: &mut StackScratch<'_, '_>,
         check: Check<'_>,
     ) -> ControlFlow<Stop> {
+        let Some(Layers { condition, quantizer: number, position, mut tables, stack, head, .. }) = self.opened() else {
+            return ControlFlow::Continue(());
+        };
         let width = self.width().max(1);
-        self.begin(quantizer, text, part_mut!(x, ..2 * width), scratch.block);
+        if let Some((first, rest)) = x.split_at_mut_checked(width) {
+            scratch.block.linear(&condition, text, first);
+            let second = part_mut!(rest, ..width);
+            second.fill(0.0);
+            number.add(quantizer, second);
+        }
         let others = part_mut!(x, 2 * width..);
         others.fill(0.0);
-        let mut tables = self.tables;
         for before in 0..quantizer {
-            let table = Embedding::open(&mut tables, self.codes.saturating_add(1), self.stack.config().width);
+            let table = self.table(&mut tables);
             invariant!(table.is_ok(), "{table:?}");
             let Ok(table) = table else { break };
             for (tokens, row) in tokens.chunks_exact(quantizers.max(1)).zip(others.chunks_exact_mut(width)) {
@@ -160,21 +223,13 @@ impl<'a> Residual<'a> {
             }
         }
         for (i, row) in others.chunks_exact_mut(width).enumerate() {
-            self.position.add(i, row);
+            position.add(i, row);
         }
-        for block in self.stack.blocks() {
+        for block in stack.blocks() {
             block.forward(x, &mut scratch.own, None, None, scratch.block);
             check()?;
         }
-        self.head.hide(x, scratch.block);
+        head.hide(x, scratch.block);
         ControlFlow::Continue(())
-    }
-
-    /// The rows in front of the tokens'.
-    fn begin(&self, quantizer: usize, text: &[f32], rows: &mut [f32], scratch: &mut BlockScratch<'_>) {
-        let Some((first, second)) = rows.split_at_mut_checked(self.width()) else { return };
-        scratch.linear(&self.condition, text, first);
-        second.fill(0.0);
-        self.quantizer.add(quantizer, second);
     }
 }

@@ -93,7 +93,7 @@ impl<'l, 'b, 's> Logits<'l, 'b, 's> {
     pub fn each(&mut self, mut take: impl FnMut(usize, &mut [f32])) {
         let Logits { head, rows, scratch, block } = self;
         let (width, codes) = (head.out().inputs().max(1), head.out().outputs().max(1));
-        for (index, rows) in rows.chunks(TOGETHER * width).enumerate() {
+        for (index, rows) in rows.chunks((TOGETHER * width).max(1)).enumerate() {
             let block = part_mut!(block, ..rows.len() / width * codes);
             head.logits(rows, block, scratch);
             for (i, logits) in block.chunks_exact_mut(codes).enumerate() {

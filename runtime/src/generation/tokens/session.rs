@@ -248,7 +248,7 @@ impl<'m, 'b> Modules<'m, 'b> {
         #[cfg(feature = "residual")]
         if let Some(residual) = self.residual {
             let head = residual.head(1);
-            let detail = Arena::measure(|arena| Logits::new(&head, &[], arena));
+            let detail = head.map_or(0, |head| Arena::measure(|arena| Logits::new(&head, &[], arena)));
             return if detail > drawn { detail } else { drawn };
         }
         drawn
@@ -725,7 +725,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         let (quantizers, width) = (codebooks.quantizers().max(1), residual.width());
         let rows = part!(self.x, 2 * width..(2 + tokens.len() / quantizers) * width);
         let mut spare = self.spare.overlay();
-        let head = residual.head(quantizer);
+        let Some(head) = residual.head(quantizer) else { return };
         let mut logits = worked_in!(Logits::new(&head, rows, &mut spare));
         logits.each(|i, logits| {
             see(logits);

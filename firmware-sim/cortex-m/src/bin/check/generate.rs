@@ -56,6 +56,8 @@ pub fn serve(
         Source::Embeddings(u),
         Source::Text(Prompt::Text(text)),
         Source::Text(Prompt::Bank(text)),
+        #[cfg(feature = "published")]
+        Source::Text(Prompt::Vector(u)),
     ];
     let samplings = [
         Sampling::Greedy,
