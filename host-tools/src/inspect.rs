@@ -7,7 +7,8 @@ use crate::checkpoint::anchors::Family;
 use crate::checkpoint::prior::Part;
 use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerCheckpoint};
 use motionette::blob::{
-    Codec, DType, Generator, Guidance, Manifest, Padding, PhraseBank, Representation, TextTable, TransformerConfig,
+    Codec, DType, Generator, Guidance, Manifest, Padding, PhraseBank, Representation, TextEncoding, TextTable,
+    TransformerConfig,
 };
 use motionette::model::cargo_features;
 
@@ -80,6 +81,8 @@ pub struct ControlInfo {
 pub struct PriorInfo {
     /// Configuration of the text encoder in words; `None` without one.
     pub text: Option<String>,
+    /// Numbers of a prompt, where prompts are vectors.
+    pub vector: Option<u16>,
     /// Kind of the text table; `None` without a text encoder.
     pub table: Option<&'static str>,
     /// Words with a row; 0 without a text encoder.
@@ -99,6 +102,8 @@ pub struct PriorInfo {
     pub planner: Option<String>,
     /// Kind of its guidance; `None` without one.
     pub guidance: Option<&'static str>,
+    /// Configuration of the planner of further quantizers in words; `None` without one.
+    pub residual: Option<String>,
     /// Linears and tables. Work is that of one text or one pass of the planner at the longest motion and the longest prompt.
     pub layers: Vec<LayerInfo>,
 }
@@ -235,7 +240,7 @@ fn prior_info(
     manifest: &Manifest<'_>,
     checkpoint: Option<&PriorCheckpoint>,
 ) -> Result<Option<PriorInfo>, Error> {
-    let (Some(text), planner) = (manifest.text, manifest.generator.planner()) else { return Ok(None) };
+    let (Some(text), prefix) = (manifest.text, manifest.generator.prefix()) else { return Ok(None) };
     let lines = |text: &str| text.lines().map(str::to_owned).collect::<Vec<_>>();
     let parts = checkpoint.map(|prior| [prior.text_parts(), prior.planner_parts()].concat());
     let originals = originals(&parts.unwrap_or_default());
@@ -262,6 +267,7 @@ fn prior_info(
     };
     Ok(Some(PriorInfo {
         text: text.encoder.words().map(|encoder| words(&encoder.transformer)),
+        vector: (text.encoder == TextEncoding::Vectors).then_some(text.width),
         table: table.as_ref().map(|(kind, ..)| *kind),
         words: table.as_ref().map_or(0, |(_, count, _)| *count),
         vocabulary: table.map(|(.., words)| words).unwrap_or_default(),
@@ -269,11 +275,21 @@ fn prior_info(
         bank_kind,
         bank,
         phrases,
-        planner: planner.map(|p| format!("{}, TMD with c = {}, a = {}", words(&p.transformer), p.c, p.a)),
-        guidance: planner.map(|p| match p.guidance {
-            Guidance::TwoPass => "two passes",
-            Guidance::OnePass => "one pass",
-        }),
+        planner: match &manifest.generator {
+            Generator::Given { .. } => None,
+            Generator::Tmd(p) => Some(format!("{}, TMD with c = {}, a = {}", words(&p.transformer), p.c, p.a)),
+            Generator::Masked(p) => Some(format!("{}, masked", words(&p.transformer))),
+            Generator::Autoregressive(p) => Some(format!("{}, a token at a time", words(&p.transformer))),
+        },
+        guidance: match &manifest.generator {
+            Generator::Given { .. } => None,
+            Generator::Tmd(p) if p.guidance == Guidance::OnePass => Some("one pass"),
+            Generator::Tmd(_) | Generator::Masked(_) => Some("two passes"),
+            Generator::Autoregressive(_) => Some("nothing"),
+        },
+        residual: prefix
+            .and_then(|p| p.residual)
+            .map(|r| format!("{}, guidance {}", words(&r.transformer), r.guidance)),
         layers: layers.collect(),
     }))
 }
@@ -319,11 +335,15 @@ fn originals(parts: &[Part<'_>]) -> Vec<Conv1d> {
 pub fn prior_rows(name: &str, tokens: usize, words: usize) -> usize {
     let ends = |ending: &str| name.ends_with(ending);
     match name {
-        "text.length" | "planner.global" => 1,
+        "text.length" | "planner.global" | "residual.global" => 1,
         "planner.token" => tokens,
+        "planner.dense" => tokens + 1,
+        "residual.dense" => tokens + 2,
+        _ if name.starts_with("residual.token.") => tokens,
         _ if ends(".cross.kv") => words,
         _ if !name.contains(".layers.") => 0,
         _ if name.starts_with("text.") => words,
+        _ if name.starts_with("residual.") => tokens + 2,
         _ => tokens + 1,
     }
 }

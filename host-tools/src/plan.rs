@@ -205,7 +205,10 @@ pub fn plan(
             steps: limits.steps,
             guided: limits.guided,
             conditioned: limits.anchors,
-            reads: usize::from(limits.steps) * (1 + usize::from(limits.guided)) * (1 + tokens).div_ceil(rows),
+            reads: match model.planner() {
+                Some(planner) if planner.in_turn() => 1 + tokens,
+                _ => usize::from(limits.steps) * (1 + usize::from(limits.guided)) * (1 + tokens).div_ceil(rows),
+            },
             bytes: plan.planning.all(),
             arena: vec![
                 share("text, keys and values", plan.planning.text),

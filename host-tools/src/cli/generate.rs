@@ -65,7 +65,8 @@ impl Cmd {
         }
         let [planning_macs, macs] = made.macs;
         say(&format!(
-            "{steps} planner steps, at most {} MAC, {} arena bytes",
+            "{}, at most {} MAC, {} arena bytes",
+            steps.map_or_else(|| "a token at a time".to_owned(), |steps| format!("{steps} planner steps")),
             grouped(macs),
             grouped(made.arena_used as u64)
         ));

@@ -82,8 +82,8 @@ pub(super) struct Made {
     pub anchors: Vec<Anchor>,
     /// What was decoded.
     pub tokens: Vec<u16>,
-    /// Steps of the sampler.
-    pub steps: u16,
+    /// Steps of the sampler; `None` where tokens came one at a time.
+    pub steps: Option<u16>,
     /// How strongly the text guided.
     pub guidance: f32,
     /// Words of the prompt, and how many of them the model does not know.
@@ -167,7 +167,7 @@ impl GenerateArgs {
             frames: motion.frames().to_vec(),
             frame_rate: motion.frame_rate(),
             tokens: motion.tokens().to_vec(),
-            steps: request.planning.steps,
+            steps: Some(request.planning.steps).filter(|_| !model.planner().is_some_and(|p| p.in_turn())),
             guidance: request.planning.guidance,
             words: [motion.words(), motion.unknown_words()].map(usize::from),
             refinement: motion.refinement,

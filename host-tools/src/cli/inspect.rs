@@ -132,7 +132,10 @@ fn show_prior(p: &PriorInfo) {
             let kind = p.table.unwrap_or_default();
             say(&format!("  text        {text}; table of {} {kind}, prompts of at most {}", p.words, p.max_words));
         }
-        None => say("  text        no encoder"),
+        None => match p.vector {
+            Some(width) => say(&format!("  text        vectors of {width} numbers, made elsewhere")),
+            None => say("  text        no encoder"),
+        },
     }
     if !p.bank.is_empty() {
         say(&format!("  prompts     {} stored: {}", p.bank.len(), p.bank.join(", ")));
@@ -142,6 +145,9 @@ fn show_prior(p: &PriorInfo) {
     }
     if let Some(planner) = &p.planner {
         say(&format!("  planner     {planner}, guided by {}", p.guidance.unwrap_or_default()));
+    }
+    if let Some(residual) = &p.residual {
+        say(&format!("  residual    {residual}"));
     }
 }
 

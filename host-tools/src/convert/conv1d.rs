@@ -97,7 +97,7 @@ impl Options {
     /// Whether calibration data is of use.
     #[must_use]
     pub fn needs_calibration(&self) -> bool {
-        *self != Self { ridge: self.ridge, four_bits: self.four_bits, ..Self::PLAIN }
+        self.rounding != Rounding::Nearest || self.refit || self.bias_correction
     }
 }
 

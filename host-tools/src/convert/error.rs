@@ -66,6 +66,16 @@ pub enum Error {
         /// The tokenizer's.
         expected: usize,
     },
+    /// A stored prompt is no vector that the planner takes.
+    #[error("{what} are {found}, the planner takes {expected}: make them with the encoder that it was trained with")]
+    Vector {
+        /// What is compared.
+        what: String,
+        /// The prompt's.
+        found: usize,
+        /// The planner's.
+        expected: usize,
+    },
     /// A stored prompt that half precision cannot hold.
     #[error("the stored prompt {name:?} holds {value}, beyond the range of half precision (65504)")]
     Prompt {

@@ -97,6 +97,10 @@ impl PublishedSource<'_> {
         if codes != c.codes {
             return mismatch("the planner's codes", codes, c.codes);
         }
+        for entry in self.bank.iter().filter(|entry| entry.rows.len() != self.vector()) {
+            let what = format!("the numbers of the stored prompt {:?}", entry.name);
+            return Err(Error::Vector { what, found: entry.rows.len(), expected: self.vector() });
+        }
         let Some(residual) = self.residual else { return Ok(()) };
         if !matches!(self.planner, PublishedPlanner::Mask(_)) {
             return mismatch("layers of codes of T2M-GPT, which a residual transformer cannot follow,", 1, 2);
