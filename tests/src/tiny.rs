@@ -1,9 +1,9 @@
 //! Small random models, written byte by byte from `runtime/src/blob/FORMAT.md`, independently of the converter.
 
 use motionette::blob::{
-    Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator, Guidance, Header, HumanMl3d, MAJOR,
-    Manifest, Norm, Padding, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TensorEntry, TextConfig,
-    TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
+    Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator, Guidance, HeadConfig, Header, HumanMl3d,
+    MAJOR, Manifest, Norm, Padding, PhraseBank, PlannerConfig, PrefixConfig, Representation, ResidualConfig, SelfTest,
+    Skeleton, TensorEntry, TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
 };
 use motionette::numerics::hash::{Stream, fnv32};
 
@@ -32,6 +32,25 @@ pub struct Shape {
     pub frame_rate: u16,
     /// Text encoder, stored prompts and planner.
     pub prior: Option<PriorShape>,
+    /// A planner that is given a vector, in the prior's place.
+    pub prefix: Option<PrefixShape>,
+}
+
+/// Shape of a small planner that is given a vector. It stores the prompt `wave`.
+#[derive(Debug, Clone, Copy)]
+pub struct PrefixShape {
+    /// Masked, with a dense head; else a token at a time, with a norm alone.
+    pub masked: bool,
+    /// Whether it has a planner of further quantizers, of the same blocks.
+    pub residual: bool,
+    /// Whether all weights have 16 bits, the decoder's too.
+    pub wide: bool,
+    /// Numbers of a vector.
+    pub vector: u16,
+    /// Its blocks.
+    pub planner: TransformerConfig,
+    /// Guidance that it is made for.
+    pub guidance: f32,
 }
 
 /// Shape of a small planner and what it reads.
@@ -114,6 +133,7 @@ impl Default for Shape {
             max_tokens: 49,
             frame_rate: 20,
             prior: None,
+            prefix: None,
         }
     }
 }
@@ -310,6 +330,8 @@ struct Writer {
     random: Stream,
     /// Whether linears are to have 4-bit weights.
     packed: bool,
+    /// Whether linears and tables are to have weights of 16 bits.
+    all_wide: bool,
     entries: Vec<Entry>,
     weights: Vec<u8>,
 }
@@ -396,10 +418,18 @@ impl Writer {
 
 impl Writer {
     fn linear(&mut self, name: &str, outputs: u16, inputs: u16) -> Layer {
-        self.layer(name, 1, 1, outputs, inputs, 0)
+        let wide = if self.all_wide { outputs } else { 0 };
+        self.layer(name, 1, 1, outputs, inputs, wide)
     }
 
     fn table(&mut self, name: &str, rows: u16, width: u16) -> Table {
+        if self.all_wide {
+            let columns = usize::from(width);
+            let rows = self.layer(name, 1, 1, rows, width, rows);
+            // A table has no biases.
+            self.entries.pop();
+            return rows.weights.chunks(columns).map(<[f64]>::to_vec).collect();
+        }
         let (count, columns) = (usize::from(rows) * usize::from(width), usize::from(width));
         let values: Vec<i8> = (0..count).map(|_| self.int8()).collect();
         let scales: Vec<f32> = (0..rows).map(|_| (0.5 + self.random.unit()) / 127.0).collect();
@@ -517,6 +547,36 @@ impl Writer {
 }
 
 impl Writer {
+    /// The tensors of a planner that is given a vector, in the order of `FORMAT.md`.
+    fn prefix(&mut self, shape: &Shape, prefix: &PrefixShape) {
+        let PrefixShape { masked, residual, wide, vector, planner, .. } = *prefix;
+        let bits: Vec<u16> = (0..vector).map(|_| half_bits(2.0 * self.signed())).collect();
+        self.tensor("wave", DType::F16, [1, 1, vector], bits.iter().flat_map(|v| v.to_le_bytes()));
+        self.all_wide = wide;
+        let (d, codes) = (planner.width, shape.codes);
+        self.linear("global", d, vector);
+        self.table("tokens", codes + u16::from(masked), d);
+        self.table("position", shape.max_tokens, d);
+        (0..planner.layers).for_each(|_| drop(self.block(&planner, None)));
+        if masked {
+            self.linear("dense", d, d);
+        }
+        self.norm("n", d);
+        self.linear("token", codes + u16::from(!masked), d);
+        if residual {
+            let quantizers = u16::from(shape.quantizers);
+            self.linear("global", d, vector);
+            self.table("quantizer", quantizers, d);
+            self.table("position", shape.max_tokens, d);
+            (1..quantizers).for_each(|_| drop(self.table("tokens", codes + 1, d)));
+            (0..planner.layers).for_each(|_| drop(self.block(&planner, None)));
+            self.linear("dense", d, d);
+            self.norm("n", d);
+            (1..quantizers).for_each(|_| drop(self.linear("token", codes + 1, d)));
+        }
+        self.all_wide = false;
+    }
+
     /// The tensors behind the planner's.
     fn control(&mut self, shape: &Shape, planner: &TransformerConfig, config: &ControlConfig) -> Control {
         let ControlConfig { scaffold, frame_width, rank, context, .. } = *config;
@@ -551,7 +611,8 @@ impl Tiny {
     /// When a shape does not fit the format (a mistake in the test).
     #[must_use]
     pub fn new(shape: Shape, seed: u64) -> Self {
-        let mut writer = Writer { random: Stream::new(seed), packed: false, entries: Vec::new(), weights: Vec::new() };
+        let (entries, weights) = (Vec::new(), Vec::new());
+        let mut writer = Writer { random: Stream::new(seed), packed: false, all_wide: false, entries, weights };
         // Root velocities of a few centimetres and degrees a frame, joints within a metre.
         let std: Vec<f32> =
             (0..FEATURES).map(|c| if c < 4 { 0.02 } else { 0.1 + 0.2 * writer.random.unit() }).collect();
@@ -569,22 +630,26 @@ impl Tiny {
             writer.tensor(&name, DType::F16, [1, shape.codes, shape.code_width], bytes);
         }
         let width = shape.width;
-        let mut layers = vec![writer.layer("decoder.model.0", 3, 1, width, shape.code_width, 0)];
+        let wide = if shape.prefix.is_some_and(|prefix| prefix.wide) { width } else { 0 };
+        let mut layers = vec![writer.layer("decoder.model.0", 3, 1, width, shape.code_width, wide)];
         for stage in 0..shape.stages {
             for (block, &dilation) in shape.dilations.iter().enumerate() {
                 let name = format!("decoder.model.{}.0.model.{block}", stage + 2);
-                layers.push(writer.layer(&format!("{name}.conv1"), 3, dilation, width, width, 0));
-                layers.push(writer.layer(&format!("{name}.conv2"), 1, 1, width, width, 0));
+                layers.push(writer.layer(&format!("{name}.conv1"), 3, dilation, width, width, wide));
+                layers.push(writer.layer(&format!("{name}.conv2"), 1, 1, width, width, wide));
             }
-            layers.push(writer.layer(&format!("decoder.model.{}.2", stage + 2), 3, 1, width, width, 0));
+            layers.push(writer.layer(&format!("decoder.model.{}.2", stage + 2), 3, 1, width, width, wide));
         }
-        layers.push(writer.layer("decoder.middle", 3, 1, width, width, 0));
+        layers.push(writer.layer("decoder.middle", 3, 1, width, width, wide));
         layers.push(writer.layer("decoder.output", 3, 1, FEATURES, width, shape.wide));
         for (layer, (_, right)) in layers.iter_mut().filter(|layer| layer.taps == 3).zip(shape.convolutions()) {
             layer.right = usize::from(right);
         }
 
         let prior = shape.prior.as_ref().map(|prior| writer.prior(&shape, prior));
+        if let Some(prefix) = &shape.prefix {
+            writer.prefix(&shape, prefix);
+        }
         let config = shape.prior.as_ref().and_then(|prior| Some((prior.planner, prior.control?)));
         let control = config.map(|(planner, control)| writer.control(&shape, &planner, &control));
         let (mut vocabulary, mut bank, mut phrases) = (String::new(), String::new(), String::new());
@@ -620,6 +685,25 @@ impl Tiny {
             guidance: if prior.one_pass { Guidance::OnePass } else { Guidance::TwoPass },
             control: config.map(|(_, control)| control),
         });
+        let text = text.or(shape.prefix.map(|prefix| TextConfig {
+            width: prefix.vector,
+            max_words: 1,
+            encoder: TextEncoding::Vectors,
+            length: TextLength::Unsaid,
+            bank: PhraseBank::Prompts("wave"),
+        }));
+        let prefix = shape.prefix.map(|prefix| {
+            let PrefixShape { masked, residual, planner: transformer, guidance, .. } = prefix;
+            let config = PrefixConfig {
+                max_tokens: shape.max_tokens,
+                transformer,
+                head: if masked { HeadConfig::Dense { epsilon: 1e-6 } } else { HeadConfig::Norm },
+                guidance,
+                residual: residual.then_some(ResidualConfig { transformer, epsilon: 1e-6, guidance }),
+            };
+            if masked { Generator::Masked(config) } else { Generator::Autoregressive(config) }
+        });
+        let given = Generator::Given { max_tokens: shape.max_tokens };
         let skeleton = skeleton();
         // Kernel 3 everywhere but behind each dilated convolution.
         let each = |(dilation, right): (u8, u8)| Padding {
@@ -643,7 +727,7 @@ impl Tiny {
                 features: FEATURES,
             }),
             text,
-            generator: planner.map_or(Generator::Given { max_tokens: shape.max_tokens }, Generator::Tmd),
+            generator: planner.map(Generator::Tmd).or(prefix).unwrap_or(given),
             self_test: SelfTest { seed: 0, tokens: 0, hash: 0 },
             tensor_count: writer.entries.len() as u16,
         };

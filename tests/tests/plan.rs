@@ -129,24 +129,26 @@ fn decoding(shape: &Shape, tokens: usize) -> u64 {
     let mut convolutions = shape.convolutions().into_iter();
     let mut padding =
         || convolutions.next().map(|(dilation, right)| (usize::from(dilation), usize::from(right))).expect("all");
+    // Of hidden layers with 16 bits both planes are multiplied.
+    let planes = if shape.prefix.is_some_and(|prefix| prefix.wide) { 2 } else { 1 };
     // Each tap loses the rows that it reaches outside.
     let conv = |rows: usize, (dilation, right): (usize, usize), weights: usize| {
         let outside = [2 * dilation - right, dilation - right, right].map(|reach| rows.min(reach));
         (3 * rows - outside.iter().sum::<usize>()) * weights
     };
     let mut rows = tokens;
-    let mut macs = conv(rows, padding(), code_width * width);
+    let mut macs = conv(rows, padding(), planes * code_width * width);
     for _ in 0..shape.stages {
         for _ in &shape.dilations {
-            macs += conv(rows, padding(), width * width) + rows * width * width;
+            macs += conv(rows, padding(), planes * width * width) + planes * rows * width * width;
         }
         // Each row's products serve both its copies. Where the first tap looks back two rows, it has no use for the last.
         let (_, right) = padding();
-        macs += (3 * rows - (1 - right)) * width * width;
+        macs += planes * (3 * rows - (1 - right)) * width * width;
         rows *= 2;
     }
     let outputs = POSITION_CHANNELS + POSITION_CHANNELS.min(usize::from(shape.wide));
-    (macs + conv(rows, padding(), width * width) + conv(rows, padding(), width * outputs)) as u64
+    (macs + conv(rows, padding(), planes * width * width) + conv(rows, padding(), width * outputs)) as u64
 }
 
 /// What a run of requests saw.
@@ -316,7 +318,8 @@ fn plans_bound_bytes_and_multiply_accumulates() {
             generator.generate(&Request::tokens(&tokens), &mut ()).expect(name);
             let products = decoding(&tiny.shape, length);
             let follow = (length + model.decoder().radius_tokens()).div_ceil(ChunkShape::new(length, ROWS).tokens) - 1;
-            let again = u64::from(tiny.shape.stages) * u64::from(tiny.shape.width).pow(2);
+            let planes = if tiny.shape.prefix.is_some_and(|prefix| prefix.wide) { 2 } else { 1 };
+            let again = planes * u64::from(tiny.shape.stages) * u64::from(tiny.shape.width).pow(2);
             let bounds = products..=products + follow as u64 * again;
             assert!(bounds.contains(&count::total()), "{name}: {length} tokens, {} in {bounds:?}", count::total());
         }

@@ -566,7 +566,11 @@ impl<'a> Stack<'a> {
     /// making the latter two.
     #[must_use]
     pub fn macs(&self, rows: usize, extra: usize, memory: usize) -> u64 {
-        macs(&self.config, rows, rows + extra, self.memory.map(|_| memory))
+        let macs = macs(&self.config, rows, rows + extra, self.memory.map(|_| memory));
+        // Weights, keys and values come in two planes.
+        #[cfg(feature = "wide-layers")]
+        let macs = if self.wide { 2 * macs } else { macs };
+        macs
     }
 
     /// Multiply-accumulates of reading `memory` rows of memory in all blocks.

@@ -21,7 +21,7 @@ use motionette::blob::{Activation, ControlConfig, Norm, TransformerConfig};
 use motionette::numerics::hash::Stream;
 use motionette::{Generator, Model, Request};
 
-use crate::tiny::{PriorShape, Shape, Tiny};
+use crate::tiny::{PrefixShape, PriorShape, Shape, Tiny};
 
 /// Largest blob of the corpus without anchor control, bytes.
 pub const MAX_BLOB: usize = 8 * 1024 + 512;
@@ -56,6 +56,11 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
     let two = Some(ControlConfig { scaffold: post, frame_width: 2, context: false, families: 5, ..control });
     let unplanned = PriorShape { text: block, planned: false, ..prior.clone() };
     let with = |prior: PriorShape| Shape { width: 1, stages: 1, max_tokens: 6, prior: Some(prior), ..base.clone() };
+    let prefix = PrefixShape { masked: true, residual: false, wide: false, vector: 5, planner: post, guidance: 4.0 };
+    let given =
+        |prefix: PrefixShape| Shape { width: 1, stages: 1, max_tokens: 6, prefix: Some(prefix), ..base.clone() };
+    let turns = PrefixShape { masked: false, planner: slim, guidance: 1.0, ..prefix };
+    let whole_of_momask = given(PrefixShape { residual: true, wide: true, ..prefix });
     let shapes = [
         ("narrow", base.clone()),
         ("wide-rows", Shape { wide: 4, ..base.clone() }),
@@ -77,6 +82,10 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
             "mostly-causal",
             Shape { width: 1, dilations: vec![9, 1], stages: 1, right: vec![1, 4, 0, 1, 0, 1], ..base.clone() },
         ),
+        ("masked", given(prefix)),
+        ("masked-and-residual", Shape { quantizers: 3, codes: 3, ..whole_of_momask }),
+        ("autoregressive", given(turns)),
+        ("autoregressive-of-16-bits", given(PrefixShape { wide: true, ..turns })),
     ];
     shapes.into_iter().enumerate().map(|(seed, (name, shape))| (name, Tiny::new(shape, seed as u64))).collect()
 }

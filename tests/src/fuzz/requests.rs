@@ -1,6 +1,7 @@
 //! Hostile requests on a good model: lengths, tokens, anchors, solver settings, arenas that are too small, observers that
 //! stop the work anywhere.
 
+use motionette::codec::codebook::Codebooks;
 use motionette::numerics::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
 use motionette::{
@@ -44,6 +45,16 @@ pub(super) fn need(model: &Model<'_>, request: &Request<'_>, rows: usize) -> Opt
     generator.plan(request).ok().map(|plan| plan.arena_bytes)
 }
 
+/// A prompt as a vector, mostly of the width that the model takes.
+pub(super) fn vector(random: &mut Stream, model: &Model<'_>) -> Vec<f32> {
+    let width = match random.below(12) {
+        0 => random.below(8) as usize,
+        _ => model.vector_width().unwrap_or(3),
+    };
+    let wild = random.below(6) == 0;
+    (0..width).map(|_| if wild { number(random, 1e4) } else { 2.0 * random.unit() - 1.0 }).collect()
+}
+
 /// Runs a hostile request on a model, then checks that the generator still works.
 ///
 /// # Errors
@@ -58,12 +69,15 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
     let u: Vec<f32> = (0..length(random, model, width)).map(|_| number(random, model.embedding_limit())).collect();
     let text = prompt(random);
     let fixed: Vec<Fixed> = (0..random.below(4)).map(|_| given(random, model)).collect();
+    let vector = vector(random, model);
+    let vectors = model.vector_width().is_some();
     let planner = model.planning().is_some() || random.below(16) == 0;
     let encoder = model.text().is_some_and(|text| text.encoder().is_some());
     let stored = if random.below(4) == 0 { text.as_str() } else { "wave" };
     let (source, positions) = match random.below(if planner { 8 } else { 4 }) {
         0 | 1 => (Source::Tokens(&tokens), tokens.len() / quantizers),
         2 | 3 => (Source::Embeddings(&u), u.len() / width),
+        4..7 if vectors || random.below(32) == 0 => (Source::Text(Prompt::Vector(&vector)), model.max_tokens()),
         4..7 if encoder || random.below(16) == 0 => (Source::Text(Prompt::Text(&text)), model.max_tokens()),
         _ => (Source::Text(Prompt::Bank(stored)), model.max_tokens()),
     };
@@ -162,10 +176,14 @@ pub fn serve(
                 return Err(format!("{} tokens of {tokens} positions", motion.tokens().len()));
             }
             if matches!(request.source, Source::Text(_)) {
-                if motion.tokens().iter().any(|&token| usize::from(token) >= codes) {
+                // Behind the first quantizer a planner may choose nothing.
+                let out = |(at, &token): (usize, &u16)| {
+                    usize::from(token) >= codes && (at.is_multiple_of(each) || token != Codebooks::NONE)
+                };
+                if motion.tokens().iter().enumerate().any(out) {
                     return Err("a token that the codebook does not have".to_owned());
                 }
-                let kept = |f: &Fixed| motion.tokens().get(usize::from(f.position)) == Some(&f.token);
+                let kept = |f: &Fixed| motion.tokens().get(usize::from(f.position) * each) == Some(&f.token);
                 if !request.planning.fixed.iter().all(kept) {
                     return Err("a given token was changed".to_owned());
                 }

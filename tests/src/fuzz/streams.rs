@@ -114,10 +114,12 @@ fn operation(
             let text = requests::prompt(random);
             let fixed: Vec<Fixed> = (0..random.below(3)).map(|_| requests::given(random, model)).collect();
             let anchors = [requests::anchor(random, 40)];
+            let vector = requests::vector(random, model);
             let source = match random.below(8) {
                 0 => Source::Tokens(&tokens),
                 1 => Source::Embeddings(&[0.0]),
                 2 => Source::Text(Prompt::Bank(&text)),
+                _ if model.vector_width().is_some() => Source::Text(Prompt::Vector(&vector)),
                 _ => Source::Text(Prompt::Text(&text)),
             };
             let anchors = if random.below(8) == 0 { &anchors[..] } else { &[] };

@@ -344,8 +344,10 @@ impl<'m, 'b> Modules<'m, 'b> {
         let guided = if guided { self.planner.pass_macs(tokens, 0, unconditional) } else { 0 };
         let passes = self.planner.pass_macs(tokens, anchors, limits.words) + guided;
         let position = self.planner.logits_macs() + self.planner.sampler().macs(self.codebooks);
-        // A token at a time is all rows once, each with those before it.
-        let steps = if self.planner.in_turn() { 1 } else { u64::from(limits.steps) };
+        let (steps, passes) = match self.planner.in_turn() {
+            true => (1, self.planner.turns_macs(tokens)),
+            false => (u64::from(limits.steps), passes),
+        };
         let planned = read + steps * (passes + tokens as u64 * position);
         #[cfg(feature = "residual")]
         let planned = planned + self.residual.map_or(0, |residual| residual.macs(tokens));

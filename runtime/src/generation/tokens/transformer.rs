@@ -234,6 +234,13 @@ impl<'a> Planner<'a> {
         self.stack.macs(1 + tokens, anchors, memory) + (1 + tokens) as u64 * self.head.hidden_macs()
     }
 
+    /// The same of a planner of a token at a time: a row for each token, which attends to itself and those before it.
+    #[must_use]
+    pub fn turns_macs(&self, tokens: usize) -> u64 {
+        let row = |at| self.stack.macs(1, at, 0) + self.head.hidden_macs();
+        (0..tokens).map(row).sum()
+    }
+
     /// Multiply-accumulates of one position's logits.
     #[must_use]
     pub const fn logits_macs(&self) -> u64 {
