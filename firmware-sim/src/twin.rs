@@ -7,17 +7,28 @@
 //! positions from the result, moves them by a seeded offset, and asks for a motion that passes through them. Every way to
 //! sample, all families of anchors, both solvers and their ablations, lengths from one token to the model's limit take part.
 
+use motionette::blob::Aligned;
 use motionette::generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
 use motionette::numerics::hash::{Fnv, Stream};
 use motionette::refining::{Activity, Basis, Config};
-use motionette::{Anchor, Bones, Error, Generator, JOINTS, Request};
+use motionette::{Anchor, Bones, Error, Generator, JOINTS, Model, Motion, PlanningError, Request};
 
-/// Requests of a run.
+/// Requests of the model.
 pub const REQUESTS: usize = 24;
+/// Requests of small models with random weights: planners that the model is not one of, and weights of 16 bits.
+pub const SMALL_REQUESTS: usize = 3 * SMALL.len();
+/// Requests of a run.
+pub const ALL: usize = REQUESTS + SMALL_REQUESTS;
 /// Token numbers a request may have (positions times quantizers).
 pub const MAX_NUMBERS: usize = 49;
 /// Anchors a request may have.
 pub const MAX_ANCHORS: usize = 12;
+
+static MASKED: &Aligned<[u8]> = &Aligned(*include_bytes!("../../tests/corpus/masked.blob"));
+static MOMASK: &Aligned<[u8]> = &Aligned(*include_bytes!("../../tests/corpus/masked-and-residual.blob"));
+static TURNS: &Aligned<[u8]> = &Aligned(*include_bytes!("../../tests/corpus/autoregressive.blob"));
+static WIDE_TURNS: &Aligned<[u8]> = &Aligned(*include_bytes!("../../tests/corpus/autoregressive-of-16-bits.blob"));
+static SMALL: [&Aligned<[u8]>; 4] = [MASKED, MOMASK, TURNS, WIDE_TURNS];
 
 /// Joints that robots want to steer: wrists, head, feet.
 const HANDLES: [u8; 5] = [20, 21, 15, 10, 11];
@@ -197,11 +208,35 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
 
     let request = if anchors.is_empty() { request } else { request.through(anchors).refined(shape.refinement) };
     let motion = generator.generate(&request, &mut ())?;
+    Ok(digest(&motion, tokens.len(), anchors.len()))
+}
+
+/// Makes and runs request `index` of [`SMALL_REQUESTS`] in `arena`: a stored prompt, an anchor, each way to sample.
+///
+/// # Errors
+/// Whatever the runtime refuses; none of these requests should be.
+pub fn run_small(arena: &mut [u8], index: usize) -> Result<Digest, Error> {
+    let blob = SMALL.get(index / 3).copied().unwrap_or(MASKED);
+    let model = Model::open(&blob.0).map_err(|_| PlanningError::NoPlanner)?;
+    let sampling = match index % 3 {
+        0 => Sampling::Greedy,
+        1 => Sampling::Gumbel { temperature: 0.9 },
+        _ => Sampling::Sample { temperature: 1.1, top_k: 4, top_p: 0.9 },
+    };
+    let planning = Planning { seed: index as u64, sampling, ..model.default_planning() };
+    let anchors = [Anchor::joint(9, 20, [0.3, 1.0, 0.2])];
+    let request = Request::bank("wave").planned(planning).length(Length::Tokens(5)).through(&anchors);
+    let mut generator = Generator::new(model, arena)?;
+    let motion = generator.generate(&request, &mut ())?;
+    Ok(digest(&motion, motion.tokens().len(), anchors.len()))
+}
+
+fn digest(motion: &Motion<'_>, numbers: usize, anchors: usize) -> Digest {
     let report = motion.refinement;
     let bits = |error: Option<motionette::refining::ControlError>| error.map_or(0, |e| e.mean.to_bits());
-    Ok(Digest {
-        numbers: tokens.len(),
-        anchors: anchors.len(),
+    Digest {
+        numbers,
+        anchors,
         evaluations: report.map_or(0, |r| r.evaluations),
         gradients: report.map_or(0, |r| r.gradients),
         before: report.map_or(0, |r| bits(r.before)),
@@ -210,7 +245,7 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
         tokens: motion.tokens().iter().fold(Fnv::default(), |hash, token| hash.bytes(&token.to_le_bytes())).value(),
         u: Fnv::default().f32s(motion.u()).value(),
         joints: Fnv::default().f32s(motion.joints()).value(),
-    })
+    }
 }
 
 /// A skeleton a fifth larger than the model's, with longer arms.

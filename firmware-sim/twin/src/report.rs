@@ -40,8 +40,8 @@ impl Report {
             digests.push(values.digest()?);
         }
         let end = end.context("the image did not finish")?;
-        if digests.len() != twin::REQUESTS {
-            bail!("{} of {} requests were reported", digests.len(), twin::REQUESTS);
+        if digests.len() != twin::ALL {
+            bail!("{} of {} requests were reported", digests.len(), twin::ALL);
         }
         Ok(Self {
             digests,
@@ -107,7 +107,7 @@ mod tests {
     }
 
     fn lines() -> Vec<String> {
-        let mut lines: Vec<String> = (0..twin::REQUESTS).map(line).collect();
+        let mut lines: Vec<String> = (0..twin::ALL).map(line).collect();
         lines.insert(3, "debug: unrelated=1".to_owned());
         lines.push("twin end=1 stack=9000 arena_high_water=640 generator=512".to_owned());
         lines
@@ -116,7 +116,7 @@ mod tests {
     #[test]
     fn reads_what_the_image_prints() {
         let report = Report::read(&lines()).unwrap();
-        assert_eq!(report.digests.len(), twin::REQUESTS);
+        assert_eq!(report.digests.len(), twin::ALL);
         assert_eq!(report.digests[7].joints, 7);
         assert_eq!(report.digests[7].u, u64::MAX);
         assert_eq!((report.stack_bytes, report.arena_high_water_bytes, report.generator_bytes), (9000, 640, 512));

@@ -56,6 +56,7 @@ fn main() -> ! {
         }
     };
     run(model, &mut arena.0);
+    run_small(&mut arena.0);
     let touched = arena.0.iter().rposition(|&byte| byte != ARENA_PAINT).map_or(0, |last| last + 1);
     defmt::println!(
         "twin end=1 stack={=usize} arena_high_water={=usize} generator={=usize}",
@@ -85,6 +86,17 @@ fn run(model: Model<'_>, arena: &mut [u8]) {
     for index in 0..twin::REQUESTS {
         match twin::run(&mut generator, index, RECORDED) {
             Ok(digest) => report(index, &digest),
+            Err(error) => refuse(error),
+        }
+    }
+}
+
+/// Runs the requests of small models.
+#[inline(never)]
+fn run_small(arena: &mut [u8]) {
+    for index in 0..twin::SMALL_REQUESTS {
+        match twin::run_small(arena, index) {
+            Ok(digest) => report(twin::REQUESTS + index, &digest),
             Err(error) => refuse(error),
         }
     }

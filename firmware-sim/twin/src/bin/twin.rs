@@ -105,10 +105,15 @@ fn on_desktop(blob: &Path) -> Result<Vec<Digest>> {
     let samples = SampleClips::built_in()?;
     let recorded: Vec<&[u16]> = samples.clips.iter().map(|clip| clip.tokens.as_slice()).collect();
     let start = Instant::now();
-    let digests = (0..twin::REQUESTS)
+    let mut digests = (0..twin::REQUESTS)
         .map(|index| twin::run(&mut generator, index, &recorded).with_context(|| format!("request {index}")))
-        .collect::<Result<_>>()?;
-    remark(&format!("desktop: {} requests in {:.1} s", twin::REQUESTS, start.elapsed().as_secs_f64()));
+        .collect::<Result<Vec<_>>>()?;
+    drop(generator);
+    for index in 0..twin::SMALL_REQUESTS {
+        let digest = twin::run_small(&mut arena, index);
+        digests.push(digest.with_context(|| format!("request {}", twin::REQUESTS + index))?);
+    }
+    remark(&format!("desktop: {} requests in {:.1} s", twin::ALL, start.elapsed().as_secs_f64()));
     Ok(digests)
 }
 
@@ -124,7 +129,7 @@ fn on_machine(machine: Machine, image: &Path, limit: Duration, show: bool) -> Re
         let last = lines.last().map_or("nothing was logged", String::as_str);
         bail!("{}: the image exited with {}: {last}", machine.title, run.status);
     }
-    remark(&format!("{}: {} requests in {:.1} s", machine.title, twin::REQUESTS, run.elapsed.as_secs_f64()));
+    remark(&format!("{}: {} requests in {:.1} s", machine.title, twin::ALL, run.elapsed.as_secs_f64()));
     Report::read(&lines).with_context(|| machine.title)
 }
 
