@@ -102,9 +102,13 @@ pub struct Tensor<'a> {
 }
 
 impl<'a> Tensor<'a> {
+    #[inline(never)]
     fn shaped(&self, dtype: DType, shape: [u16; 3]) -> Result<(), Error> {
         if self.entry.dtype == dtype && self.entry.shape == shape {
             return Ok(());
+        }
+        if !cfg!(feature = "wide-layers") && self.entry.dtype == DType::I16Planes {
+            return Err(Error::NotLinked { feature: "wide-layers" });
         }
         let expected = shape.iter().fold(1u32, |n, &d| n.saturating_mul(u32::from(d)));
         let found = u32::try_from(self.entry.elements()).unwrap_or(u32::MAX);
@@ -183,9 +187,6 @@ impl<'a> Tensor<'a> {
     /// # Errors
     /// [`Error::TensorShape`] or [`Error::TensorValue`].
     pub fn bytes(&self, shape: [u16; 3]) -> Result<&'a [i8], Error> {
-        if !cfg!(feature = "wide-layers") && self.entry.dtype == DType::I16Planes {
-            return Err(Error::NotLinked { feature: "wide-layers" });
-        }
         self.shaped(DType::I8, shape)?;
         let values = self.cast::<i8>()?;
         self.refuse(values, |v| v == i8::MIN)?;

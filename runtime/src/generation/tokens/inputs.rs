@@ -14,6 +14,8 @@ const BOUNDARIES: u16 = 4;
 pub const STRENGTHS: u16 = 5;
 
 /// What row 0 is made of beside what the text says, and the rows of tokens.
+// There is no heap to put the large variant on.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy)]
 pub enum Inputs<'a> {
     /// Of a planner that moves noisy tokens in time. Its token embeddings are the weights of its logits.
@@ -39,6 +41,7 @@ pub struct Timed<'a> {
 }
 
 /// Row 1 + i `= token[z_i] + position[i]`.
+#[cfg(any(feature = "masked", feature = "autoregressive"))]
 #[derive(Debug, Clone, Copy)]
 pub struct Placed<'a> {
     token: Embedding<'a>,

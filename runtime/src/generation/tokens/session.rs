@@ -91,6 +91,7 @@ struct Lengths {
     own_low: usize,
     guided: usize,
     /// Rows whose keys and values are kept from one token to the next.
+    #[cfg(feature = "autoregressive")]
     cached: usize,
     /// Of reading anchors.
     work: usize,
@@ -268,7 +269,7 @@ impl<'m, 'b> Modules<'m, 'b> {
         let (d, dt) = (self.planner.width(), self.text.width());
         // Of a planner of a token at a time keys and values of all rows are kept, and one row passes.
         let in_turn = self.planner.in_turn();
-        let (own_rows, cached) = if in_turn { (1, 1 + tokens) } else { (1 + tokens, 0) };
+        let own_rows = if in_turn { 1 } else { 1 + tokens };
         let control = self.control(limits);
         let anchors = control.map_or((0, 0), |control| (tokens, control.biased_rows(tokens)));
         let mut sizes = self.planner.sizes(tokens, anchors.0, memory);
@@ -302,7 +303,8 @@ impl<'m, 'b> Modules<'m, 'b> {
             #[cfg(feature = "wide-layers")]
             own_low: if self.planner.wide() { own } else { 0 },
             guided: if guided { tokens * d } else { 0 },
-            cached,
+            #[cfg(feature = "autoregressive")]
+            cached: if in_turn { 1 + tokens } else { 0 },
             work,
             sizes,
         };
@@ -344,11 +346,12 @@ impl<'m, 'b> Modules<'m, 'b> {
         let guided = if guided { self.planner.pass_macs(tokens, 0, unconditional) } else { 0 };
         let passes = self.planner.pass_macs(tokens, anchors, limits.words) + guided;
         let position = self.planner.logits_macs() + self.planner.sampler().macs(self.codebooks);
-        let (steps, passes) = match self.planner.in_turn() {
-            true => (1, self.planner.turns_macs(tokens)),
-            false => (u64::from(limits.steps), passes),
+        let planned = read + u64::from(limits.steps) * (passes + tokens as u64 * position);
+        #[cfg(feature = "autoregressive")]
+        let planned = match self.planner.in_turn() {
+            true => read + self.planner.turns_macs(tokens) + tokens as u64 * position,
+            false => planned,
         };
-        let planned = read + steps * (passes + tokens as u64 * position);
         #[cfg(feature = "residual")]
         let planned = planned + self.residual.map_or(0, |residual| residual.macs(tokens));
         planned

@@ -235,6 +235,7 @@ impl<'a> Planner<'a> {
     }
 
     /// The same of a planner of a token at a time: a row for each token, which attends to itself and those before it.
+    #[cfg(feature = "autoregressive")]
     #[must_use]
     pub fn turns_macs(&self, tokens: usize) -> u64 {
         let row = |at| self.stack.macs(1, at, 0) + self.head.hidden_macs();
