@@ -9,7 +9,9 @@ use motionette::generation::tokens::{PlanningLimits, Session};
 use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
 use motionette::request::prompt::Prompt;
-use motionette::{Fixed, Generator, Length, Model, Planning, PlanningError, ROWS, Request, Sampling};
+use motionette::{
+    Fixed, Generator, Length, Model, Planning, PlanningError, ROWS, Request, Sampling, StreamLimits, StreamPlan,
+};
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, PublishedPlanner, published};
 use motionette_host::convert::{self, CardText, Options, PublishedSource, bank};
@@ -374,4 +376,54 @@ fn prompts_that_are_no_vectors_of_the_model_are_refused() {
     }
     let model = Model::open(blob.bytes()).expect("checked");
     assert!(model.planning().expect("a planner").text.takes_vectors());
+}
+
+/// A stream's segments are requests whose first tokens are given, those of the first quantizer alone; the others are drawn anew and only the new
+/// ones count.
+#[test]
+fn streams_go_on_as_requests_with_given_tokens_do() {
+    let models = motionette_tests::fuzz::corpus();
+    let mut seen = 0;
+    for (name, tiny) in models.iter().filter(|(_, tiny)| tiny.shape.prefix.is_some()) {
+        let model = Model::open(tiny.bytes()).expect("it opens");
+        let quantizers = model.codebooks().quantizers();
+        let planning = Planning { seed: 11, ..model.default_planning() };
+        let limits =
+            PlanningLimits { words: 0, steps: planning.steps, guided: planning.guided(), anchors: false, clauses: 1 };
+        let limits = StreamLimits { tokens: 6, planning: Some(limits), rows: ROWS };
+        let plan = StreamPlan::new(&model, &limits).expect("a plan");
+        let mut memory = vec![0_u128; plan.arena_bytes.div_ceil(16)];
+        let mut generator = Generator::new(model.clone(), bytemuck::cast_slice_mut(&mut memory)).expect("a generator");
+        let mut stream = generator.stream(&limits).expect("a stream");
+        let request = Request::bank("wave").planned(planning);
+        let mut frames = 0;
+        for count in [3, 2] {
+            stream.plan(&request.length(Length::Tokens(count)), &mut ()).expect(name);
+            while let Some(more) = stream.frames(&mut ()).expect(name) {
+                frames += more.len();
+            }
+        }
+        let tokens = stream.tokens().to_vec();
+        stream.finish();
+        while let Some(more) = stream.frames(&mut ()).expect(name) {
+            frames += more.len();
+        }
+        assert_eq!((tokens.len(), frames), (5 * quantizers, 5 * model.frames_per_token()), "{name}");
+
+        let whole = |request: &Request<'_>| {
+            let plan = Generator::new(model.clone(), &mut []).expect("a generator").plan(request).expect("a plan");
+            let mut memory = vec![0_u128; plan.arena_bytes.div_ceil(16)];
+            let mut generator =
+                Generator::new(model.clone(), bytemuck::cast_slice_mut(&mut memory)).expect("a generator");
+            generator.generate(request, &mut ()).expect(name).tokens().to_vec()
+        };
+        let first = whole(&request.length(Length::Tokens(3)));
+        assert_eq!(tokens[..3 * quantizers], first, "{name}");
+        let given = first.iter().step_by(quantizers).zip(0..).map(|(&token, position)| Fixed { position, token });
+        let given: Vec<Fixed> = given.collect();
+        let next = request.seed(11_u64.wrapping_add(0x9E37_79B9_7F4A_7C15)).fixed(&given).length(Length::Tokens(5));
+        assert_eq!(tokens[3 * quantizers..], whole(&next)[3 * quantizers..], "{name}");
+        seen += 1;
+    }
+    assert_eq!(seen, 4);
 }

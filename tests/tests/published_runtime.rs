@@ -185,8 +185,7 @@ fn self_test_of_a_converted_blob_passes() {
     };
     let mut arena =
         vec![0_u128; Plan::for_request(&model, &limits).expect("the limits are legal").arena_bytes.div_ceil(16)];
-    let mut generator =
-        motionette::Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).expect("default rounding");
+    let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut arena)).expect("default rounding");
     assert_eq!(generator.self_test().expect("room"), Some(true));
 }
 

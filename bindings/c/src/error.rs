@@ -205,7 +205,10 @@ static MESSAGES: &[(mtn_error, &CStr)] = &[
     (mtn_error::Guidance, c"guidance must be a number from 0 to 100"),
     (mtn_error::PromptVectors, c"the model takes no words: give the prompt as a vector, or one that it stores"),
     (mtn_error::PromptNoVectors, c"the model takes prompts in words, not as vectors"),
-    (mtn_error::PromptVectorWidth, c"the prompt is a vector of another encoder: it has not as many numbers as the model takes"),
+    (
+        mtn_error::PromptVectorWidth,
+        c"the prompt is a vector of another encoder: it has not as many numbers as the model takes",
+    ),
     (mtn_error::PromptVectorValue, c"a number of the prompt's vector is not finite or too large"),
     (mtn_error::PromptVectorZero, c"the prompt's vector is all zeros"),
     (mtn_error::MotionEmpty, c"the planner ended the motion before its first token"),

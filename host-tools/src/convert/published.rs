@@ -97,7 +97,7 @@ impl PublishedSource<'_> {
         if codes != c.codes {
             return mismatch("the planner's codes", codes, c.codes);
         }
-        for entry in self.bank.iter().filter(|entry| entry.rows.len() != self.vector()) {
+        if let Some(entry) = self.bank.iter().find(|entry| entry.rows.len() != self.vector()) {
             let what = format!("the numbers of the stored prompt {:?}", entry.name);
             return Err(Error::Vector { what, found: entry.rows.len(), expected: self.vector() });
         }
