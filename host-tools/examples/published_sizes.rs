@@ -56,7 +56,7 @@ impl Weights {
 
     /// Encoder and decoder of both repositories.
     fn vqvae(&mut self, base: &str, width: usize, code: usize, depth: usize) {
-        let mut blocks = |this: &mut Self, name: &str| {
+        let blocks = |this: &mut Self, name: &str| {
             for block in 0..depth {
                 this.conv(&format!("{name}.model.{block}.conv1"), width, width, 3);
                 this.conv(&format!("{name}.model.{block}.conv2"), width, width, 1);
@@ -200,7 +200,7 @@ fn converted(
     folder: &Path,
     tokenizer: &str,
     planner: &PublishedPlanner,
-    residual: Option<&checkpoint::published::Residual>,
+    residual: Option<&published::Residual>,
 ) -> Result<BlobFile> {
     let begin = Instant::now();
     let path = folder.join(tokenizer);

@@ -60,12 +60,12 @@ const FEATURE_SETS: [FeatureSet; 8] = [
     FeatureSet {
         name: "no playback, MoMask's planners alone",
         features: "generate,motionette/residual,motionette/wide-layers,motionette/editing",
-        budget: 168 * 1024,
+        budget: 172 * 1024,
     },
     FeatureSet {
         name: "no playback, T2M-GPT's planner alone",
         features: "generate,motionette/autoregressive,motionette/wide-layers,motionette/editing",
-        budget: 160 * 1024,
+        budget: 168 * 1024,
     },
     FeatureSet { name: "playback only", features: "playback", budget: 40 * 1024 },
 ];

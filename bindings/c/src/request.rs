@@ -161,9 +161,10 @@ impl mtn_request {
             [true, false, false, false] => Source::Text(Prompt::Text(unsafe { text(self.text) }?)),
             // SAFETY: the caller vouches for the name.
             [false, true, false, false] => Source::Text(Prompt::Bank(unsafe { text(self.stored) }?)),
-            // SAFETY: the caller vouches for the vector.
             [false, false, true, false] => {
-                Source::Text(Prompt::Vector(unsafe { slice(self.vector, self.vector_count, 1) }?))
+                // SAFETY: the caller vouches for the vector.
+                let vector = unsafe { slice(self.vector, self.vector_count, 1) }?;
+                Source::Text(Prompt::Vector(vector))
             }
             // SAFETY: the caller vouches for the tokens.
             [false, false, false, true] => Source::Tokens(unsafe { slice(self.tokens, self.token_count, 1) }?),

@@ -48,14 +48,7 @@ fn main() -> ! {
         exit(status::REFUSED)
     };
     arena.0.fill(ARENA_PAINT);
-    let model = match Model::open(&BLOB.0) {
-        Ok(model) => model,
-        Err(error) => {
-            defmt::error!("blob refused: {}", error);
-            exit(status::REFUSED)
-        }
-    };
-    run(model, &mut arena.0);
+    run(&mut arena.0);
     run_small(&mut arena.0);
     let touched = arena.0.iter().rposition(|&byte| byte != ARENA_PAINT).map_or(0, |last| last + 1);
     defmt::println!(
@@ -67,9 +60,16 @@ fn main() -> ! {
     exit(0)
 }
 
-/// Runs all requests; its frame holds the generator.
+/// Runs the requests of the model; its frame holds model and generator.
 #[inline(never)]
-fn run(model: Model<'_>, arena: &mut [u8]) {
+fn run(arena: &mut [u8]) {
+    let model = match Model::open(&BLOB.0) {
+        Ok(model) => model,
+        Err(error) => {
+            defmt::error!("blob refused: {}", error);
+            exit(status::REFUSED)
+        }
+    };
     let mut generator = match Generator::new(model, arena) {
         Ok(generator) => generator,
         Err(error) => refuse(error),

@@ -150,6 +150,7 @@ fn run(options: &Options) -> Result<()> {
     let page = page(&all, &object)?;
     say(&page);
     if let Some(out) = &options.out {
+        fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
         fs::write(out.join("cortex-m.md"), &page).with_context(|| format!("cannot write into {}", out.display()))?;
         let text = serde_json::to_string_pretty(&object)? + "\n";
         fs::write(out.join("cortex-m.json"), text).with_context(|| format!("cannot write into {}", out.display()))?;
