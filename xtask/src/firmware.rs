@@ -58,12 +58,12 @@ const FEATURE_SETS: [FeatureSet; 8] = [
     },
     FeatureSet { name: "no playback, no planner", features: "generate,motionette/refining", budget: 138 * 1024 },
     FeatureSet {
-        name: "no playback, MoMask's planners alone",
+        name: "no playback, MoMask alone",
         features: "generate,motionette/residual,motionette/wide-layers,motionette/editing",
         budget: 172 * 1024,
     },
     FeatureSet {
-        name: "no playback, T2M-GPT's planner alone",
+        name: "no playback, T2M-GPT alone",
         features: "generate,motionette/autoregressive,motionette/wide-layers,motionette/editing",
         budget: 168 * 1024,
     },
