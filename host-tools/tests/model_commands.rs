@@ -108,7 +108,7 @@ fn the_road_from_checkpoint_to_figures() {
     assert_eq!(made["bytes"].as_u64(), Some(bytes(&bench.path("a.blob")).len() as u64));
     bench.succeeds("convert rvq.tar --calibration two.mds --licence MIT -o b.blob");
     assert!(bytes(&bench.path("a.blob")) == bytes(&bench.path("b.blob")), "the converter is not deterministic");
-    let plain = "--rounding nearest --no-refit --no-bias-correction --licence MIT";
+    let plain = "--decoder-bits 8 --rounding nearest --no-refit --no-bias-correction --licence MIT";
     bench.succeeds(&format!("convert rvq.tar {plain} -o plain.blob"));
     assert!(bytes(&bench.path("plain.blob")) != bytes(&bench.path("a.blob")));
 

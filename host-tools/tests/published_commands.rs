@@ -43,6 +43,11 @@ fn momask_from_its_files_to_a_motion() {
     assert_eq!(named["tokens"].as_array().map(Vec::len), Some(49 * 3));
     let sent = bench.succeeds("generate --blob m.blob --prompt-vector walk.npy --seconds 4 --seed 3 -o b.bvh");
     assert_eq!(sent["frames"].as_u64(), Some(80));
+    // The tokenizer alone, for tokens that come from elsewhere, likewise.
+    let alone = bench.succeeds("convert rvq.tar -o alone.blob");
+    assert_eq!((alone["decoder_bits"].as_u64(), alone["calibration_sequences"].as_u64()), (Some(16), Some(0)));
+    let alone = bench.succeeds("convert rvq.tar --decoder-bits 8 -o alone.blob");
+    assert!(alone["decoder_bits"].as_u64() == Some(8) && alone["calibration_sequences"].as_u64() > Some(0));
     // Half the bytes with 8 bits.
     bench.succeeds("convert rvq.tar --prior mask.tar --decoder-bits 8 --planner-bits 8 -o small.blob");
     let seen = bench.succeeds("inspect small.blob");

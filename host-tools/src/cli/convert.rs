@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::model::{CheckpointFiles, grouped};
 use super::{bar, capabilities, say};
-use crate::checkpoint::{PriorCheckpoint, PublishedPlanner, TokenizerCheckpoint, control, prior, published};
+use crate::checkpoint::{PriorCheckpoint, PublishedPlanner, Source, TokenizerCheckpoint, control, prior, published};
 use crate::convert::{
     self, CardText, FourBits, Options, PriorSource, PublishedSource, Rounding, bank, calibration, lift,
 };
@@ -83,8 +83,8 @@ pub(super) struct Cmd {
     /// may have 16, all of it, and has them without this.
     #[arg(long, value_parser = PossibleValuesParser::new(["4", "8", "16"]).map(|b| b.parse::<u8>().unwrap_or(8)), value_name = "BITS")]
     planner_bits: Option<u8>,
-    /// Bits of the weights in the decoder's hidden layers, 8 or 16. 16 double its bytes and work; without it 16 where the prior is a published
-    /// one, whose decoder was never meant for 8, else 8.
+    /// Bits of the weights in the decoder's hidden layers, 8 or 16. 16 double its bytes and work; without it 16 for published checkpoints that
+    /// nothing calibrates, which were never meant for 8, else 8.
     #[arg(long, value_parser = PossibleValuesParser::new(["8", "16"]).map(|b| if b == "16" { 16_u8 } else { 8 }), value_name = "BITS")]
     decoder_bits: Option<u8>,
     /// Layers of the planner's blocks that have four bits where the others keep eight.
@@ -145,7 +145,7 @@ impl Cmd {
             (Some(prior), Some(path)) => stored_prompts(prior, path, self.no_text_encoder)?,
             _ => Vec::new(),
         };
-        let options = self.options(self.decoder_bits == Some(16));
+        let options = self.options(self.wide_layers(&checkpoint));
         let dataset = self.calibration.as_ref().filter(|_| options.needs_calibration());
         let dataset = dataset.map(Dataset::load).transpose()?;
         let cases = match (&dataset, &prior) {
@@ -181,6 +181,7 @@ impl Cmd {
             "bank": bank.iter().map(|e| &e.name).collect::<Vec<_>>(),
             "control": control.as_ref().map(|c| &c.config.families),
             "calibration_sequences": latents.len(),
+            "decoder_bits": if options.wide_layers { 16 } else { 8 },
             "planner_bits": prior.as_ref().map(|_| if options.four_bits == FourBits::ALL { 4 } else { 8 }),
             "four_bits": prior.as_ref().map(|_| options.four_bits.names().collect::<Vec<_>>()),
             "name": card.name,
@@ -208,7 +209,7 @@ impl Cmd {
         };
         let source = PublishedSource { planner: &planner, residual: residual.as_ref(), bank: &bank };
         let wide_planner = self.planner_bits.is_none_or(|bits| bits == 16);
-        let options = Options { wide_planner, ..self.options(self.decoder_bits != Some(8)) };
+        let options = Options { wide_planner, ..self.options(self.wide_layers(checkpoint)) };
         let dataset = self.calibration.as_ref().filter(|_| options.needs_calibration());
         let dataset = dataset.map(Dataset::load).transpose()?;
         let latents = latents(checkpoint, &options, dataset.as_ref())?;
@@ -235,6 +236,12 @@ impl Cmd {
             "name": card.name,
             "checkpoint": card.checkpoint,
         }))
+    }
+
+    /// Whether all of the decoder has 16 bits.
+    fn wide_layers(&self, checkpoint: &TokenizerCheckpoint) -> bool {
+        let published = checkpoint.config.source != Source::Motionette && self.calibration.is_none();
+        self.decoder_bits.map_or(published, |bits| bits == 16)
     }
 
     /// How weights are quantised.
