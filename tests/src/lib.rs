@@ -4,6 +4,7 @@ pub mod fuzz;
 pub mod naive;
 pub mod naive_prior;
 pub mod naive_scaffold;
+pub mod published;
 pub mod standard_request;
 pub mod tiny;
 

@@ -2,7 +2,7 @@
 //! runs against PyTorch's ids.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use motionette::codec::codebook::Codebooks;
 use motionette::generation::tokens::{PlanningLimits, Session};
@@ -10,34 +10,21 @@ use motionette::memory::Arena;
 use motionette::numerics::hash::Stream;
 use motionette::request::prompt::Prompt;
 use motionette::{
-    Fixed, Generator, Length, Model, Planning, PlanningError, ROWS, Request, Sampling, StreamLimits, StreamPlan,
+    Fixed, Generator, Length, Model, Observer, Planning, PlanningError, Progress, ROWS, Request, Sampling,
+    StreamLimits, StreamPlan,
 };
 use motionette_host::blob::BlobFile;
 use motionette_host::checkpoint::{self, PublishedPlanner, published};
 use motionette_host::convert::{self, CardText, Options, PublishedSource, bank};
 use motionette_host::reference::published as reference;
 use motionette_host::reference::published::draw::Choice;
+use motionette_tests::published::floats;
+use motionette_tests::shared;
 
 /// What logits may lose with weights of 16 bits, as planners are converted, and of 8: share of positions whose likeliest class is the
 /// reference's at least, and root mean square of the errors as a share of the range at most. Random weights have many near ties and the
 /// fixtures few positions: with 8 bits one of them is 5 %.
 const BUDGETS: [(u8, f64, f64); 2] = [(16, 0.999, 0.0005), (8, 0.94, 0.01)];
-
-fn folder() -> Option<PathBuf> {
-    let shared = std::env::var_os("MOTIONETTE_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
-    let folder = shared.join("published");
-    if !folder.is_dir() {
-        eprintln!("skipped: ../shared/published not found");
-        return None;
-    }
-    Some(folder)
-}
-
-fn floats(folder: &Path, name: &str) -> Vec<f32> {
-    let bytes = std::fs::read(folder.join("golden").join(format!("{name}.npy"))).expect(name);
-    npyz::NpyFile::new(&bytes[..]).expect(name).into_vec().expect(name)
-}
 
 fn ids(folder: &Path, name: &str) -> Vec<usize> {
     let bytes = std::fs::read(folder.join("golden").join(format!("{name}.npy"))).expect(name);
@@ -143,7 +130,7 @@ fn agrees(what: &str, ours: &[f32], exact: &[f32], classes: usize, (bits, least,
 
 #[test]
 fn masked_logits_given_the_same_tokens() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = shared("published") else { return };
     for budget in BUDGETS {
         let (blob, mask, _) = momask(&folder, budget.0);
         let vector = floats(&folder, "mask_cond");
@@ -165,7 +152,7 @@ fn masked_logits_given_the_same_tokens() {
 /// Every step of PyTorch's recorded run: what the network read then gives the logits it gave then.
 #[test]
 fn masked_logits_in_every_step_of_a_run() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = shared("published") else { return };
     for budget in BUDGETS {
         let (blob, mask, _) = momask(&folder, budget.0);
         let (vector, inputs) = (floats(&folder, "mask_cond"), ids(&folder, "sample_ids_in"));
@@ -185,7 +172,7 @@ fn masked_logits_in_every_step_of_a_run() {
 
 #[test]
 fn residual_logits_given_the_same_tokens() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = shared("published") else { return };
     for budget in BUDGETS {
         let (blob, _, residual) = momask(&folder, budget.0);
         let (vector, all) = (floats(&folder, "mask_cond"), ids(&folder, "res_ids"));
@@ -208,7 +195,7 @@ fn residual_logits_given_the_same_tokens() {
 
 #[test]
 fn autoregressive_logits_given_the_same_tokens() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = shared("published") else { return };
     for budget in BUDGETS {
         let (blob, gpt) = t2mgpt(&folder, budget.0);
         for (vector, tokens) in
@@ -244,7 +231,7 @@ fn generate<'r>(blob: &BlobFile, request: &Request<'r>) -> Result<Vec<u16>, moti
 /// Greedy runs are those of PyTorch, to the stop class and to the end of the block; a planner that ends before it began is an error.
 #[test]
 fn autoregressive_runs() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = shared("published") else { return };
     let (blob, _) = t2mgpt(&folder, 16);
     let vectors = ["stop", "full", "none"].map(|run| floats(&folder, &format!("t2mgpt_greedy_{run}_cond")));
     let greedy = |vector| Request::prompt(Prompt::Vector(vector)).sampling(Sampling::Greedy);
@@ -269,7 +256,7 @@ fn autoregressive_runs() {
 /// A whole run of masked and residual planner against the reference, which is asked for the same random numbers: what is left is int8.
 #[test]
 fn masked_runs_with_the_same_random_numbers() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = shared("published") else { return };
     let (blob, mask, residual) = momask(&folder, 16);
     let (vector, quantizers) = (floats(&folder, "mask_cond"), residual.quantizers);
     let (mut same, mut first, mut all) = (0, 0, 0);
@@ -330,7 +317,7 @@ fn the_schedule_of_masks() {
 
 #[test]
 fn given_tokens_stay_and_every_seed_is_another_motion() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = shared("published") else { return };
     let (blob, ..) = momask(&folder, 16);
     let vector = floats(&folder, "mask_cond");
     let model = blob.model().expect("checked");
@@ -357,7 +344,7 @@ fn given_tokens_stay_and_every_seed_is_another_motion() {
 #[test]
 fn prompts_that_are_no_vectors_of_the_model_are_refused() {
     use motionette::request::prompt::PromptError;
-    let Some(folder) = folder() else { return };
+    let Some(folder) = shared("published") else { return };
     let (blob, ..) = momask(&folder, 16);
     let good = floats(&folder, "mask_cond");
     let refused = |prompt: Prompt<'_>| match generate(&blob, &Request::prompt(prompt)) {
@@ -426,4 +413,30 @@ fn streams_go_on_as_requests_with_given_tokens_do() {
         seen += 1;
     }
     assert_eq!(seen, 4);
+}
+
+/// Asks for the end once, before there is anything to end with.
+struct Impatient(bool);
+
+impl Observer for Impatient {
+    fn progress(&mut self, _: Progress) -> ControlFlow<motionette::Stop> {
+        let first = core::mem::replace(&mut self.0, false);
+        if first { ControlFlow::Break(motionette::Stop::Finish) } else { ControlFlow::Continue(()) }
+    }
+}
+
+/// An end that was asked for too early is granted as soon as there is a motion: of a planner of a token at a time as soon as it is as
+/// long as it must be.
+#[test]
+fn an_early_end_is_granted_when_there_is_a_motion() {
+    let models = motionette_tests::fuzz::corpus();
+    let (_, tiny) = models.iter().find(|(name, _)| *name == "autoregressive").expect("in the corpus");
+    let model = Model::open(tiny.bytes()).expect("it opens");
+    let request = Request::bank("wave").planned(model.default_planning()).sampling(Sampling::Greedy);
+    let mut memory = vec![0_u128; 1 << 14];
+    let mut generator = Generator::new(model, bytemuck::cast_slice_mut(&mut memory)).expect("a generator");
+    let whole = generator.generate(&request, &mut ()).expect("a motion").tokens().to_vec();
+    assert!(whole.len() > 1, "{whole:?}");
+    let cut = generator.generate(&request, &mut Impatient(true)).expect("a motion").tokens().to_vec();
+    assert_eq!(cut, whole[..1]);
 }

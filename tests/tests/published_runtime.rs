@@ -4,7 +4,7 @@
 //! DESIGN section 6; every mistake in the fixtures' README is far beyond them.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use motionette::ROWS;
 use motionette::channels::Channels;
@@ -16,27 +16,13 @@ use motionette_host::checkpoint;
 use motionette_host::convert::{self, CardText, Options, calibration};
 use motionette_host::reference::{Tokenizer, bridge, recover};
 use motionette_host::verify;
+use motionette_tests::published::floats;
+use motionette_tests::shared;
 
 /// Root mean square of the error of normalised features, as a share of the signal.
 const FEATURE_BUDGET: f64 = 0.015;
 /// Largest error of a joint, metres, over motions whose root path is a random walk.
 const JOINT_BUDGET: f64 = 0.012;
-
-fn published() -> Option<PathBuf> {
-    let shared = std::env::var_os("MOTIONETTE_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
-    let folder = shared.join("published");
-    if !folder.is_dir() {
-        eprintln!("skipped: ../shared/published not found");
-        return None;
-    }
-    Some(folder)
-}
-
-fn floats(folder: &Path, name: &str) -> Vec<f32> {
-    let bytes = std::fs::read(folder.join("golden").join(format!("{name}.npy"))).expect(name);
-    npyz::NpyFile::new(&bytes[..]).expect(name).into_vec().expect(name)
-}
 
 fn tokens(folder: &Path, name: &str) -> Vec<u16> {
     let bytes = std::fs::read(folder.join("golden").join(format!("{name}.npy"))).expect(name);
@@ -85,7 +71,7 @@ fn relative(actual: &[f32], expected: &[f32]) -> f64 {
 
 #[test]
 fn momask_features_and_joints() {
-    let Some(folder) = published() else { return };
+    let Some(folder) = shared("published") else { return };
     let blob = blob(&folder.join("rvq.safetensors"));
     let model = blob.model().expect("checked");
     for length in ["L17", "L49"] {
@@ -123,7 +109,7 @@ fn root_aligned(joints: &[[[f32; 3]; 22]], expected: &[[[f32; 3]; 22]]) -> f64 {
 /// reference with its own. All of it is in eight bits of weights, in the hidden layers: with 16 bits in the last layer alone it is 1.32 mm of 1.37.
 #[test]
 fn what_joints_lose_is_in_the_weights() {
-    let Some(folder) = published() else { return };
+    let Some(folder) = shared("published") else { return };
     let path = folder.join("rvq.safetensors");
     let checkpoint = checkpoint::load(&path).unwrap_or_else(|e| panic!("{e}"));
     let blob = blob(&path);
@@ -153,7 +139,7 @@ fn what_joints_lose_is_in_the_weights() {
 
 #[test]
 fn t2mgpt_features() {
-    let Some(folder) = published() else { return };
+    let Some(folder) = shared("published") else { return };
     let blob = blob(&folder.join("t2mgpt_vq.pth"));
     let model = blob.model().expect("checked");
     let tokens = tokens(&folder, "t2mgpt_vq_L17_ids");
@@ -164,7 +150,7 @@ fn t2mgpt_features() {
 
 #[test]
 fn both_containers_convert_to_the_same_bytes() {
-    let Some(folder) = published() else { return };
+    let Some(folder) = shared("published") else { return };
     for (torch, flat) in [("rvq.tar", "rvq.safetensors"), ("t2mgpt_vq.pth", "t2mgpt_vq.safetensors")] {
         assert!(blob(&folder.join(torch)).bytes() == blob(&folder.join(flat)).bytes(), "{torch} and {flat} differ");
     }
@@ -172,7 +158,7 @@ fn both_containers_convert_to_the_same_bytes() {
 
 #[test]
 fn self_test_of_a_converted_blob_passes() {
-    let Some(folder) = published() else { return };
+    let Some(folder) = shared("published") else { return };
     let blob = blob(&folder.join("rvq.safetensors"));
     let model = blob.model().expect("checked");
     let test = model.self_test();
@@ -192,7 +178,7 @@ fn self_test_of_a_converted_blob_passes() {
 /// With weights of 16 bits joints are where PyTorch has them.
 #[test]
 fn wide_layers_lose_nothing() {
-    let Some(folder) = published() else { return };
+    let Some(folder) = shared("published") else { return };
     let blob = wide(&folder.join("rvq.tar"));
     let model = blob.model().expect("checked");
     for length in ["L17", "L49"] {
@@ -215,7 +201,7 @@ fn wide_layers_lose_nothing() {
 /// Streams and segments of wide layers have the bits of whole motions, as those of others do.
 #[test]
 fn wide_layers_stream() {
-    let Some(folder) = published() else { return };
+    let Some(folder) = shared("published") else { return };
     let blob = wide(&folder.join("t2mgpt_vq.safetensors"));
     let model = blob.model().expect("checked");
     let tokens = tokens(&folder, "t2mgpt_vq_L17_ids");

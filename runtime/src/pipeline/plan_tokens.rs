@@ -190,6 +190,9 @@ fn plan_in_turn(
     for at in 0..tokens.len() {
         // What is there is a motion once it is as long as it must be.
         end.ready = at > 0 && at >= least;
+        if end.wanted && end.ready {
+            return Ok(at);
+        }
         end.watch.evaluation = at as u16 + 1;
         end.watch.evaluations = tokens.len() as u16;
         let logits = match session.extend(token, at, &mut || end.ask()) {

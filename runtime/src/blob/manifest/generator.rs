@@ -48,6 +48,13 @@ pub enum HeadConfig {
     },
 }
 
+impl Default for HeadConfig {
+    /// What stands where a manifest could not be read.
+    fn default() -> Self {
+        HeadConfig::Norm
+    }
+}
+
 /// The planner of all quantizers but the first, a pass each (MoMask 3.4).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ResidualConfig {
@@ -155,7 +162,8 @@ impl PrefixConfig {
             transformer: transformer(from),
             head: match from.kind("generator.head", 2) {
                 0 => HeadConfig::Norm,
-                _ => HeadConfig::Dense { epsilon: from.single() },
+                _ if cfg!(feature = "masked") => HeadConfig::Dense { epsilon: from.single() },
+                _ => from.not_linked("masked"),
             },
             guidance: from.single(),
             residual: ResidualConfig::read(from),

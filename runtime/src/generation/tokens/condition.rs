@@ -66,7 +66,10 @@ impl<'w> Condition<'w> {
             values: part!(self.values, of_numbers.clone()),
             value_scales: part!(self.value_scales, of_scales),
             #[cfg(feature = "wide-layers")]
-            low: (self.low.0.get(of_numbers.clone()).unwrap_or(&[]), self.low.1.get(of_numbers).unwrap_or(&[])),
+            low: match self.low.0.is_empty() {
+                true => (&[], &[]),
+                false => (part!(self.low.0, of_numbers.clone()), part!(self.low.1, of_numbers)),
+            },
         }
     }
 
@@ -82,10 +85,10 @@ impl<'w> Condition<'w> {
             values: part_mut!(self.values, of_numbers.clone()),
             value_scales: part_mut!(self.value_scales, of_scales),
             #[cfg(feature = "wide-layers")]
-            low: (
-                self.low.0.get_mut(of_numbers.clone()).unwrap_or(&mut []),
-                self.low.1.get_mut(of_numbers).unwrap_or(&mut []),
-            ),
+            low: match self.low.0.is_empty() {
+                true => (&mut [], &mut []),
+                false => (part_mut!(self.low.0, of_numbers.clone()), part_mut!(self.low.1, of_numbers)),
+            },
         }
     }
 }

@@ -35,8 +35,8 @@ impl<'a> Head<'a> {
             HeadConfig::Dense { .. } => Some(Linear::open(tensors, width, width)?),
         };
         let epsilon = match kind {
-            HeadConfig::Dense { epsilon } if cfg!(feature = "masked") => epsilon,
-            _ => config.epsilon,
+            HeadConfig::Dense { epsilon } => epsilon,
+            HeadConfig::Norm => config.epsilon,
         };
         let norm = LayerNorm::open(tensors, width, epsilon)?;
         let index = tensors.index();

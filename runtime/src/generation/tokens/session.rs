@@ -35,6 +35,11 @@ macro_rules! worked_in {
     }};
 }
 
+#[cfg(feature = "residual")]
+mod detail;
+#[cfg(feature = "autoregressive")]
+mod turns;
+
 /// Tokens of a motion that the planner sees in front of the next clause of its prompt.
 pub const CONTEXT: usize = 8;
 /// Distance of the seeds of neighbouring segments or clauses: 2^64 over the golden ratio, odd.
@@ -204,6 +209,28 @@ impl<'r> Reading<'r> {
             #[cfg(any(feature = "masked", feature = "autoregressive"))]
             Prompt::Vector(vector) => Reading::Vector(vector),
             _ => Reading::Words(rows),
+        }
+    }
+
+    /// What was encoded elsewhere: its memory, at the front of `x`, and its pooled vector. Nothing of words.
+    fn recall<'x>(self, text: &Text<'_>, x: &'x mut [f32], pooled: &mut [f32]) -> &'x mut [f32] {
+        match self {
+            Reading::Words(_) => &mut [],
+            Reading::Stored(name) => match text.bank().get(name) {
+                None => &mut [],
+                Some(entry) => {
+                    let memory = part_mut!(x, ..entry.rows() * text.width());
+                    entry.read(memory, pooled);
+                    memory
+                }
+            },
+            #[cfg(any(feature = "masked", feature = "autoregressive"))]
+            Reading::Vector(vector) => {
+                for (i, to) in pooled.iter_mut().enumerate() {
+                    *to = vector.get(i).copied().unwrap_or(0.0);
+                }
+                &mut []
+            }
         }
     }
 }
@@ -521,21 +548,7 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
                 }
                 memory
             }
-            Reading::Stored(name) => match text.bank().get(name) {
-                None => &mut [],
-                Some(entry) => {
-                    let memory = part_mut!(self.x, ..entry.rows() * width);
-                    entry.read(memory, self.pooled);
-                    memory
-                }
-            },
-            #[cfg(any(feature = "masked", feature = "autoregressive"))]
-            Reading::Vector(vector) => {
-                for (i, to) in self.pooled.iter_mut().enumerate() {
-                    *to = vector.get(i).copied().unwrap_or(0.0);
-                }
-                &mut []
-            }
+            encoded => encoded.recall(text, self.x, self.pooled),
         };
         let condition = if unconditional { &mut self.unconditional } else { &mut self.text };
         planner.read(memory, self.pooled, condition, &mut pass.scratch, check)
@@ -640,104 +653,5 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
     #[must_use]
     pub fn proposal(&self) -> &[u16] {
         self.proposal
-    }
-
-    /// One more row of a planner of a token at a time: the first says what is asked for, row `at` beyond it `token`, which stands at position
-    /// `at - 1`. Logits `[V + 1]` of the next token; class V ends the motion.
-    ///
-    /// Breaks off when `check` says so; it is asked behind every block.
-    #[cfg(feature = "autoregressive")]
-    pub fn extend(&mut self, token: u16, at: usize, check: Check<'_>) -> ControlFlow<Stop, &mut [f32]> {
-        let planner = self.modules.planner;
-        let x = part_mut!(self.x, ..planner.width());
-        let mut spare = self.spare.overlay();
-        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(&mut []));
-        planner.extend((token, at), &self.text, &mut self.cache, x, &mut pass.scratch, check)?;
-        let mut spare = self.spare.overlay();
-        let mut logits = worked_in!(Logits::new(planner.head(), x, &mut spare), ControlFlow::Continue(&mut []));
-        logits.each(|_, _| {});
-        ControlFlow::Continue(logits.first())
-    }
-
-    /// The residual planner's pass for a quantizer from 1 on, two where it is guided, given the tokens `[L][Q]` of the quantizers before it: what
-    /// [`Session::draw_detail`] reads. Nothing without such a planner.
-    ///
-    /// Breaks off when `check` says so; it is asked behind every block.
-    #[cfg(feature = "residual")]
-    pub fn detail(
-        &mut self,
-        prompt: &Prompt<'_>,
-        quantizer: usize,
-        tokens: &[u16],
-        check: Check<'_>,
-    ) -> ControlFlow<Stop> {
-        let Modules { text, residual: Some(residual), codebooks, .. } = self.modules else {
-            return ControlFlow::Continue(());
-        };
-        let (quantizers, width) = (codebooks.quantizers().max(1), residual.width());
-        let length = tokens.len() / quantizers;
-        let x = part_mut!(self.x, ..(2 + length) * width);
-        let mut spare = self.spare.overlay();
-        let mut pass = worked_in!(Pass::new(&mut spare, &self.needed), ControlFlow::Continue(()));
-        let guided = core::mem::take(&mut pass.guided);
-        // What says nothing comes first: guidance leads from there.
-        for asked in [false, true] {
-            if !asked && !residual.guided() {
-                continue;
-            }
-            self.pooled.fill(0.0);
-            match *prompt {
-                Prompt::Vector(vector) if asked => {
-                    for (to, from) in self.pooled.iter_mut().zip(vector) {
-                        *to = *from;
-                    }
-                }
-                Prompt::Bank(name) if asked => {
-                    if let Some(entry) = text.bank().get(name) {
-                        entry.read(&mut [], self.pooled);
-                    }
-                }
-                _ => {}
-            }
-            let mut scratch = pass.rows(2 + length);
-            residual.forward(quantizer, self.pooled, (tokens, quantizers), x, &mut scratch, check)?;
-            let rows = x.iter_mut().skip(2 * width);
-            if !asked {
-                for (to, from) in guided.iter_mut().zip(rows) {
-                    *to = *from;
-                }
-            } else if residual.guided() {
-                for (with, without) in rows.zip(guided.iter()) {
-                    *with = *without + residual.guidance() * (*with - *without);
-                }
-            }
-        }
-        ControlFlow::Continue(())
-    }
-
-    /// Draws the tokens of a quantizer into `tokens [L][Q]` by the last [`Session::detail`]; class V, nothing, is one of them. What they were drawn
-    /// from is shown to `see`, position by position.
-    #[cfg(feature = "residual")]
-    pub fn draw_detail(
-        &mut self,
-        quantizer: usize,
-        planning: &Planning<'_>,
-        random: &mut Stream,
-        tokens: &mut [u16],
-        see: &mut dyn FnMut(&[f32]),
-    ) {
-        let Modules { residual: Some(residual), codebooks, .. } = self.modules else { return };
-        let (quantizers, width) = (codebooks.quantizers().max(1), residual.width());
-        let rows = part!(self.x, 2 * width..(2 + tokens.len() / quantizers) * width);
-        let mut spare = self.spare.overlay();
-        let Some(head) = residual.head(quantizer) else { return };
-        let mut logits = worked_in!(Logits::new(&head, rows, &mut spare));
-        logits.each(|i, logits| {
-            see(logits);
-            let drawn = planning.sampling.propose(logits, random);
-            if let Some(to) = tokens.get_mut(i * quantizers + quantizer) {
-                *to = drawn;
-            }
-        });
     }
 }
