@@ -178,7 +178,7 @@ pub fn plan(
         let words = if model.vector_width().is_some() { 0 } else { limits.words.clamp(1, most) };
         planning::PlanningLimits { words, anchors, ..limits }
     });
-    let plan = Plan::for_request(&model, &Limits { tokens, anchors, refinement, planning, rows })?;
+    let plan = Plan::for_request(&model, &Limits { tokens, anchors, tracked: 0, refinement, planning, rows })?;
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
     let mut arena = vec![
         share("tokens", plan.token_bytes),

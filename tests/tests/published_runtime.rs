@@ -165,6 +165,7 @@ fn self_test_of_a_converted_blob_passes() {
     let limits = Limits {
         tokens: usize::from(test.tokens),
         anchors: 0,
+        tracked: 0,
         refinement: Default::default(),
         planning: None,
         rows: ROWS,

@@ -34,6 +34,7 @@ fn memory(model: &Model<'_>, steps: u16) -> Vec<u8> {
     let whole = Limits {
         tokens: limits.tokens,
         anchors: 0,
+        tracked: 0,
         refinement: Default::default(),
         planning: limits.planning,
         rows: ROWS,

@@ -196,6 +196,6 @@ impl mtn_limits {
         let refinement = refinement(self.evaluations, self.exact, self.free_feet);
         let anchors = if refinement.is_some() { self.anchors } else { 0 };
         let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };
-        Ok(Limits { tokens, anchors, refinement: refinement.unwrap_or(Config::fast(0)), planning, rows })
+        Ok(Limits { tokens, anchors, tracked: 0, refinement: refinement.unwrap_or(Config::fast(0)), planning, rows })
     }
 }

@@ -121,6 +121,7 @@ fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
     let limits = Limits {
         tokens: usize::from(test.tokens),
         anchors: 0,
+        tracked: 0,
         refinement: Default::default(),
         planning: None,
         rows: motionette::ROWS,

@@ -1,6 +1,7 @@
-//! Numbers: angles within a turn, vectors and rotations, hashes over bits, the seeded random stream.
+//! Numbers: angles within a turn, vectors, rotations and solid bodies, hashes over bits, the seeded random stream.
 
 pub(crate) mod angle;
 pub mod hash;
 pub(crate) mod rotation;
+pub mod solid;
 pub(crate) mod vector;

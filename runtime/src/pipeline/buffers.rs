@@ -5,6 +5,7 @@ use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
 use crate::pipeline::plan::Limits;
 use crate::refining;
+use crate::refining::motion_space::dense::DenseScratch;
 use crate::refining::motion_space::{Exact, Scratch};
 use crate::representation::humanml3d::{POSITION_CHANNELS, Path, ROOT_CHANNELS};
 
@@ -70,14 +71,28 @@ impl<'a> Decoding<'a> {
     }
 }
 
+/// What an edit in motion space works in.
+#[derive(Debug)]
+pub(crate) enum EditScratch<'a> {
+    /// Onto anchors alone.
+    Sparse(Scratch<'a>),
+    /// Onto rows at any number of frames.
+    Dense(DenseScratch<'a>),
+}
+
 /// What the edit in motion space works in, in the solver's place; nothing where there is nothing to edit.
 pub(crate) fn edit<'a>(
     model: &Model<'_>,
     limits: &Limits,
     arena: &mut Arena<'a>,
-) -> Result<Option<(Exact, Scratch<'a>)>, ArenaTooSmall> {
+) -> Result<Option<(Exact, EditScratch<'a>)>, ArenaTooSmall> {
     let Some(exact) = limits.edits() else { return Ok(None) };
-    let scratch = Scratch::take(limits.tokens * model.frames_per_token(), limits.anchors, arena)?;
+    let frames = limits.tokens * model.frames_per_token();
+    let scratch = if cfg!(feature = "tracks") && limits.tracked > 0 {
+        EditScratch::Dense(DenseScratch::take(frames, limits.tracked, arena)?)
+    } else {
+        EditScratch::Sparse(Scratch::take(frames, limits.anchors, arena)?)
+    };
     Ok(Some((exact, scratch)))
 }
 

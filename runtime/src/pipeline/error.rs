@@ -5,7 +5,7 @@ use crate::generation::tokens::PlanningError;
 use crate::memory::ArenaTooSmall;
 use crate::pipeline::plan::PlanError;
 use crate::refining::SolverError;
-use crate::request::conditions::AnchorError;
+use crate::request::conditions::{AnchorError, MAX_TRACKS, ObstacleError, TrackError};
 use crate::request::prompt::PromptError;
 
 /// Why a request gave no motion. The generator is usable afterwards.
@@ -45,6 +45,10 @@ pub enum Error {
     Planning(PlanningError),
     /// An anchor was refused.
     Anchors(AnchorError),
+    /// A track was refused.
+    Tracks(TrackError),
+    /// An obstacle was refused.
+    Obstacles(ObstacleError),
     /// A bone of the request's skeleton is not between 1 mm and 3 m long.
     Bone {
         /// The joint at its end.
@@ -82,6 +86,8 @@ impl core::fmt::Display for Error {
             Error::Prompt(e) => e.fmt(f),
             Error::Planning(e) => e.fmt(f),
             Error::Anchors(e) => e.fmt(f),
+            Error::Tracks(e) => e.fmt(f),
+            Error::Obstacles(e) => e.fmt(f),
             Error::Bone { joint } => {
                 write!(f, "the bone to joint {joint} of the request's skeleton is not between 0.001 and 3 m long")
             }
@@ -99,6 +105,8 @@ impl core::error::Error for Error {
             Error::Prompt(e) => Some(e),
             Error::Planning(e) => Some(e),
             Error::Anchors(e) => Some(e),
+            Error::Tracks(e) => Some(e),
+            Error::Obstacles(e) => Some(e),
             Error::Solver(e) => Some(e),
             _ => None,
         }
@@ -116,6 +124,7 @@ impl From<PlanError> for Error {
         match e {
             PlanError::Tokens { found, limit } => Error::Tokens { found, limit },
             PlanError::Anchors { found, limit } => Error::Anchors(AnchorError::TooMany { anchors: found, limit }),
+            PlanError::Tracked { .. } => Error::Tracks(TrackError::TooMany { tracks: usize::MAX, limit: MAX_TRACKS }),
             PlanError::Words { found: 0, .. } => Error::Prompt(PromptError::Empty),
             PlanError::Words { found, limit } => Error::Prompt(PromptError::TooManyWords { found, limit }),
             PlanError::Steps { found, limit } => Error::Planning(PlanningError::Steps { found, limit }),
@@ -129,6 +138,18 @@ impl From<PlanError> for Error {
 impl From<AnchorError> for Error {
     fn from(e: AnchorError) -> Self {
         Error::Anchors(e)
+    }
+}
+
+impl From<TrackError> for Error {
+    fn from(e: TrackError) -> Self {
+        Error::Tracks(e)
+    }
+}
+
+impl From<ObstacleError> for Error {
+    fn from(e: ObstacleError) -> Self {
+        Error::Obstacles(e)
     }
 }
 
@@ -166,7 +187,7 @@ pub enum StreamError {
     },
     /// The motion has been finished: no more tokens.
     Finished,
-    /// A stream takes text and tokens, without anchors.
+    /// A stream takes text and tokens, without anchors, tracks and obstacles.
     NotInParts,
 }
 
@@ -178,7 +199,7 @@ impl core::fmt::Display for StreamError {
                 write!(f, "{found} tokens do not fit the stream's queue, which has room for {room}: take frames first")
             }
             StreamError::Finished => write!(f, "the stream's motion has been finished"),
-            StreamError::NotInParts => write!(f, "a stream takes text and tokens, neither embeddings nor anchors"),
+            StreamError::NotInParts => write!(f, "a stream takes text and tokens, neither embeddings nor anchors, tracks and obstacles"),
         }
     }
 }

@@ -27,16 +27,17 @@ use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
 use crate::numerics::hash::Fnv;
 use crate::pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits};
+use crate::refining::motion_space::rows::Rows;
 use crate::refining::motion_space::{self, Edited};
 use crate::refining::terms::anchors::Distances;
 use crate::refining::{self, Config, Objective, Report, SolverError, Strain};
 use crate::representation::humanml3d::channels;
 use crate::representation::{Features, Recover};
-use crate::request::conditions::AnchorSet;
+use crate::request::conditions::{AnchorSet, TrackError, obstacle, track};
 use crate::request::prompt::PromptStats;
 use crate::request::{Bones, Request, Source};
 use crate::text::meaning::Understood;
-use buffers::Decoding;
+use buffers::{Decoding, EditScratch};
 use decode_map::DecoderMap;
 use environment::floating_point_is_default;
 use observer::Watch;
@@ -193,10 +194,40 @@ impl<'a> Generator<'a> {
         if request.refinement.is_some() {
             limits.anchors = anchors.len();
         }
+        if !request.tracks.is_empty() || !request.obstacles.is_empty() {
+            self.check_rows(request, anchors, frames, &mut limits)?;
+        }
         if let Some(planning) = &mut limits.planning {
             planning.anchors = request.planning.conditioned && self.seen(anchors);
         }
         Ok(limits)
+    }
+
+    /// Checks tracks and obstacles. Places of the tracks come into `anchors`, for the planner.
+    #[inline(never)]
+    fn check_rows(
+        &self,
+        request: &Request<'_>,
+        anchors: &mut AnchorSet,
+        frames: usize,
+        limits: &mut Limits,
+    ) -> Result<(), Error> {
+        if !cfg!(feature = "tracks") {
+            return Err(Error::NotLinked { feature: "tracks" });
+        }
+        if !request.obstacles.is_empty() && !cfg!(feature = "obstacles") {
+            return Err(Error::NotLinked { feature: "obstacles" });
+        }
+        let frame_rate = self.model.frame_rate();
+        track::check(request.tracks, anchors, frames)?;
+        obstacle::check(request.obstacles, anchors, request.tracks, frame_rate)?;
+        if limits.refinement.exact.is_none() {
+            return Err(Error::Tracks(TrackError::NotExact));
+        }
+        let rows = Rows { anchors, tracks: request.tracks, obstacles: request.obstacles, frame_rate };
+        limits.tracked = rows.joints().count_ones() as usize;
+        anchors.suggest(request.tracks);
+        Ok(())
     }
 
     /// Arena bytes of requests inside `limits`.
@@ -220,14 +251,15 @@ impl<'a> Generator<'a> {
                 let clauses = sequence::clauses(text, &prompt, plan).map_or(1, |clauses| clauses.len());
                 let (steps, guided) = (plan.steps, plan.guided());
                 let planning = planning::PlanningLimits { words, steps, guided, anchors: false, clauses };
-                return Ok(Limits { tokens, anchors: 0, refinement, planning: Some(planning), rows: self.rows });
+                let rows = self.rows;
+                return Ok(Limits { tokens, anchors: 0, tracked: 0, refinement, planning: Some(planning), rows });
             }
         };
         let tokens = numbers / each.max(1);
         if tokens == 0 || tokens > limit || !numbers.is_multiple_of(each.max(1)) {
             return Err(Error::Tokens { found: if tokens > limit { tokens } else { numbers }, limit });
         }
-        Ok(Limits { tokens, anchors: 0, refinement, planning: None, rows: self.rows })
+        Ok(Limits { tokens, anchors: 0, tracked: 0, refinement, planning: None, rows: self.rows })
     }
 
     /// Whether the planner would see any of `anchors`.
@@ -270,7 +302,7 @@ impl<'a> Generator<'a> {
         let quantizers = model.codebooks().quantizers();
         let tokens = buffers::tokens(model, &limits, &mut arena).map_err(too_small)?;
         let mut peak = 0;
-        let mut unconditioned = anchors.len() as u16;
+        let mut unconditioned = if request.tracks.is_empty() { anchors.len() as u16 } else { limits.anchors as u16 };
         let heard = PromptStats::default();
         let mut made = Planned { tokens: limits.tokens, heard, then: Then::default(), parted: false };
         if let (Source::Text(prompt), Some(planning), Some(modules)) =
@@ -302,6 +334,11 @@ impl<'a> Generator<'a> {
                 unconditioned = anchors.iter().filter(|anchor| !control.sees(anchor.family)).count() as u16;
             }
             log::debug!("planned {} tokens", made.tokens);
+        }
+        if limits.tracked > 0 {
+            // Without the places of the tracks that were suggested to the planner.
+            anchors.fill(request.anchors, model.frame_rate(), limits.tokens * model.frames_per_token())?;
+            anchors.scale(1.0 / scale);
         }
         // A predicted length may be shorter than what the buffers are made for.
         let frames = made.tokens * model.frames_per_token();
@@ -359,9 +396,10 @@ impl<'a> Generator<'a> {
         }
         if cfg!(feature = "editing")
             && let Some(edited) =
-                edit(model, (&limits, made.tokens), &anchors, joints, &mut arena, &mut peak).map_err(too_small)?
+                edit(model, (&limits, made.tokens), (request, &anchors), joints, &mut arena, &mut peak)
+                    .map_err(too_small)?
         {
-            if limits.anchors > 0 {
+            if limits.anchors > 0 || limits.tracked > 0 {
                 let report = Report::of_edit(refinement, edited, limits.refinement.stop_error);
                 log::debug!("edited: {}", report);
                 refinement = Some(report);
@@ -434,7 +472,7 @@ fn control_error(anchors: &AnchorSet, joints: &[f32]) -> refining::ControlError 
 fn edit(
     model: &Model<'_>,
     (limits, made): (&Limits, usize),
-    anchors: &AnchorSet,
+    (request, anchors): (&Request<'_>, &AnchorSet),
     joints: &mut [f32],
     arena: &mut Arena<'_>,
     peak: &mut usize,
@@ -447,7 +485,14 @@ fn edit(
     *peak = if *peak > used { *peak } else { used };
     let (points, _) = joints.as_chunks_mut::<3>();
     let (poses, _) = points.as_chunks_mut::<JOINTS>();
-    Ok(Some(motion_space::solve(poses, anchors, &exact, model.frame_rate(), &mut scratch)))
+    let frame_rate = model.frame_rate();
+    Ok(Some(match &mut scratch {
+        EditScratch::Sparse(scratch) => motion_space::solve(poses, anchors, &exact, frame_rate, scratch),
+        EditScratch::Dense(scratch) => {
+            let rows = Rows { anchors, tracks: request.tracks, obstacles: request.obstacles, frame_rate };
+            motion_space::dense::follow(poses, &rows, &exact, scratch)
+        }
+    }))
 }
 
 /// Fills `u` from tokens (the request's, or those that were planned) or embeddings. The tokens come back.

@@ -1,5 +1,6 @@
 //! What a request will need, known before it runs: arena bytes by purpose, and multiply-accumulates.
 
+use crate::JOINTS;
 use crate::codec::vq::stream::CHUNK;
 use crate::generation::tokens as planning;
 use crate::generation::tokens::request::MAX_STEPS;
@@ -20,6 +21,9 @@ pub struct Limits {
     pub tokens: usize,
     /// Distinct anchors.
     pub anchors: usize,
+    /// Joints with rows at many frames: those of tracks, beside tracks or obstacles those of anchors, and with obstacles those that lead the
+    /// figure out, six at most; 22 is enough for whatever is asked for, 0 without tracks and obstacles.
+    pub tracked: usize,
     /// How they are met, and whether feet stay where they stand.
     pub refinement: Config,
     /// Planning from text; `None` for tokens and embeddings.
@@ -244,6 +248,13 @@ pub enum PlanError {
         /// Most of them.
         limit: usize,
     },
+    /// More joints with rows than a body has.
+    Tracked {
+        /// Joints of the limits.
+        found: usize,
+        /// Joints of the body.
+        limit: usize,
+    },
     /// A prompt needs at least one word and at most `limit`.
     Words {
         /// Words of the limits.
@@ -275,6 +286,9 @@ impl core::fmt::Display for PlanError {
             PlanError::Tokens { found, limit } => write!(f, "a plan for {found} tokens: the model makes 1 to {limit}"),
             PlanError::Anchors { found, limit } => {
                 write!(f, "a plan for {found} anchors: a request has at most {limit}")
+            }
+            PlanError::Tracked { found, limit } => {
+                write!(f, "a plan for {found} joints with tracks: a body has {limit}")
             }
             PlanError::Words { found, limit } => write!(f, "a plan for {found} words: the model reads 1 to {limit}"),
             PlanError::Steps { found, limit } => write!(f, "a plan for {found} steps: a sampler takes 1 to {limit}"),
@@ -318,7 +332,8 @@ impl Limits {
 
     /// How decoded motions are edited: onto anchors, or for the feet alone.
     pub(crate) fn edits(&self) -> Option<Exact> {
-        let exact = self.refinement.exact.filter(|exact| self.anchors > 0 || exact.planted);
+        let asked = self.anchors > 0 || self.tracked > 0;
+        let exact = self.refinement.exact.filter(|exact| asked || exact.planted);
         exact.filter(|_| cfg!(feature = "editing"))
     }
 
@@ -329,6 +344,12 @@ impl Limits {
         }
         if self.bends() && !cfg!(feature = "refining") {
             return Err(PlanError::NotLinked { feature: "refining" });
+        }
+        if self.tracked > 0 && !cfg!(feature = "tracks") {
+            return Err(PlanError::NotLinked { feature: "tracks" });
+        }
+        if self.tracked > JOINTS {
+            return Err(PlanError::Tracked { found: self.tracked, limit: JOINTS });
         }
         if self.anchors > MAX_ANCHORS {
             return Err(PlanError::Anchors { found: self.anchors, limit: MAX_ANCHORS });

@@ -55,7 +55,7 @@ pub use map::MotionMap;
 #[doc(hidden)]
 pub use methods::{ProblemShape, scratch_bytes, solve};
 pub use metric::Prior;
-pub use motion_space::{Edited, Exact, Strain};
+pub use motion_space::{Clearance, Edited, Exact, Followed, Strain, TrackingError};
 pub use report::{ControlError, Report, SolverError, StopReason};
 pub(crate) use terms::most_joints;
 #[doc(hidden)]

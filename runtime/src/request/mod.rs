@@ -9,7 +9,7 @@ pub mod prompt;
 use crate::JOINTS;
 use crate::generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
 use crate::refining::Config;
-use conditions::{AnchorList, AsAnchors};
+use conditions::{AnchorList, AsAnchors, Obstacle, Track};
 use prompt::Prompt;
 
 /// Where the motion comes from.
@@ -44,6 +44,11 @@ pub struct Request<'r> {
     pub source: Source<'r>,
     /// Where it must pass: what the planner sees of a text's anchors, and what the refinement meets. Empty: neither.
     pub anchors: AnchorList<'r>,
+    /// Where joints are to be at many frames; the planner sees some of their places as anchors. With tracks or obstacles the refinement must
+    /// be one that edits behind the decoder ([`Config::exact`], the default).
+    pub tracks: &'r [Track<'r>],
+    /// What the figure keeps clear of.
+    pub obstacles: &'r [Obstacle<'r>],
     /// How it is bent there, and whether feet stay where they stand; `None` leaves the motion as it was decoded.
     pub refinement: Option<Config>,
     /// How tokens are planned; of no account for tokens and embeddings.
@@ -59,6 +64,8 @@ impl<'r> Request<'r> {
         Request {
             source: Source::Tokens(tokens),
             anchors: AnchorList::Frames(&[]),
+            tracks: &[],
+            obstacles: &[],
             refinement: Some(Config::DEFAULT),
             planning: Planning::DEFAULT,
             bones: Bones::Model,
@@ -71,6 +78,8 @@ impl<'r> Request<'r> {
         Request {
             source: Source::Embeddings(u),
             anchors: AnchorList::Frames(&[]),
+            tracks: &[],
+            obstacles: &[],
             refinement: Some(Config::DEFAULT),
             planning: Planning::DEFAULT,
             bones: Bones::Model,
@@ -95,6 +104,8 @@ impl<'r> Request<'r> {
         Request {
             source: Source::Text(prompt),
             anchors: AnchorList::Frames(&[]),
+            tracks: &[],
+            obstacles: &[],
             refinement: Some(Config::DEFAULT),
             planning: Planning::DEFAULT,
             bones: Bones::Model,
@@ -172,6 +183,18 @@ impl<'r> Request<'r> {
     #[must_use]
     pub fn through<A: AsAnchors + ?Sized>(self, anchors: &'r A) -> Self {
         self.anchors(anchors).refined(Config::default())
+    }
+
+    /// The same with these tracks.
+    #[must_use]
+    pub const fn tracks(self, tracks: &'r [Track<'r>]) -> Self {
+        Request { tracks, ..self }
+    }
+
+    /// The same, clear of these obstacles.
+    #[must_use]
+    pub const fn obstacles(self, obstacles: &'r [Obstacle<'r>]) -> Self {
+        Request { obstacles, ..self }
     }
 
     /// The same with another body.

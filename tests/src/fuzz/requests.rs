@@ -34,7 +34,7 @@ impl Observer for Stopper {
 
 /// Arena bytes of the least request there is.
 pub(super) fn least(model: &Model<'_>) -> usize {
-    let limits = Limits { tokens: 1, anchors: 0, refinement: Config::default(), planning: None, rows: ROWS };
+    let limits = Limits { tokens: 1, anchors: 0, tracked: 0, refinement: Config::default(), planning: None, rows: ROWS };
     Plan::for_request(model, &limits).expect("the limits are legal").arena_bytes
 }
 

@@ -1,24 +1,30 @@
-//! Rows at any number of frames: tracks, which say where joints are, and obstacles, which say where they are not.
+//! Rows at any number of frames: tracks, which say where joints are, and obstacles, which say where the figure is not.
 //!
 //! A track follows its joint through the frames; all tracks together are met in time that grows with frames and tracks alone, by the smoother: the
 //! root's path and height take what the tracks share, each part the rest, and again on what is left, since limbs are not linear. Each row
-//! has a noise of its own: without one it is hard, with one it takes its share of the prior. An obstacle is a row of those frames in
-//! which a joint is inside, or would be but for the row.
+//! has a noise of its own: without one it is hard, with one it takes its share of the prior. What a track asks for grows from frame to frame no
+//! faster than speed allows. An obstacle is a row of those frames in which a joint or a bone is inside, or would be but for the row; half
+//! frames count as well, so that nothing passes through between two.
 
 use super::edit::{Edit, HEIGHT};
-use super::obstacles::Obstacle;
 use super::parts::Part;
-use super::place;
+use super::rows::{Led, Movers, Nearest, Rows, Wanted};
 use super::smoother::{Process, Seen, Smoother};
+use super::strain::Tally;
+use super::{Edited, Exact, LEAST_STEP, Strain};
+use crate::JOINTS;
 use crate::memory::{Arena, ArenaTooSmall};
+use crate::numerics::solid::Solid;
 use crate::numerics::vector::{Vector, add, dot, length, scale, subtract, unit};
+use crate::refining::terms::anchors::Distances;
 use crate::representation::Pose;
 use crate::request::conditions::AnchorSet;
 use heapless::Vec;
 
-pub use super::edit::TRACKS;
 /// Repetitions at most.
 const ROUNDS: u16 = 8;
+/// And more of them, while an obstacle is not cleared.
+const MORE_ROUNDS: u16 = 16;
 /// And at least: soft rows are never met.
 const LEAST_ROUNDS: u16 = 2;
 /// Rows are met when nothing is farther off than this, metres.
@@ -31,6 +37,8 @@ const PATH_GROWTH: f32 = 0.01;
 const LENGTH: f32 = 6.0;
 /// Most obstacles in the way, each time counted.
 const PASSES: usize = 16;
+/// Whoever is in the way again after no more frames than this goes past on the same side.
+const ONE_PASS: usize = 20;
 /// A joint that goes farther through an obstacle than this passes it, metres.
 const PASSED: f32 = 0.1;
 /// A way up or down counts so many times more: bodies stand on the floor, and arms hang down straight.
@@ -39,46 +47,64 @@ const LESS_UPRIGHT: f32 = 3.0;
 const YIELD: f32 = 0.5;
 /// Least standard deviation of a part's own way, metres: what has none leaves everything to the root.
 const LEAST_WAY: f32 = 1e-3;
+/// Limbs may be off at the first frame by what so many frames of speed make good.
+const NEAR: usize = 8;
 
-/// What is wanted of a joint at a frame.
+/// How far a motion is from its tracks.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wanted {
-    /// Where it is to be, metres.
-    pub place: Vector,
-    /// Which of x, y, z that counts for.
-    pub axes: [bool; 3],
-    /// How loosely: the variance around it, square metres; 0 is as hard as can be.
-    pub noise: f32,
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TrackingError {
+    /// Mean distance over all positions that count, on the axes that do, metres.
+    pub mean: f32,
+    /// Largest distance, metres.
+    pub worst: f32,
+    /// Track with the largest distance, counted in the caller's list.
+    pub worst_track: u16,
+    /// Its frame.
+    pub worst_frame: u16,
 }
 
-/// A joint with rows.
-pub struct Track<'r> {
-    /// Which joint, 0 to 21.
+/// How far a motion keeps clear of its obstacles, half frames counted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Clearance {
+    /// Least distance from a surface, metres; negative inside.
+    pub least: f32,
+    /// By how much it is less than the obstacle's margin, metres; negative where all of the margin is kept.
+    pub missing: f32,
+    /// The obstacle, counted in the caller's list.
+    pub obstacle: u16,
+    /// The joint, or the one at the end of the bone.
     pub joint: u8,
-    /// Where it is to be at a frame; nothing where it is free.
-    pub wanted: &'r dyn Fn(usize) -> Option<Wanted>,
+    /// The frame.
+    pub frame: u16,
 }
 
-/// An obstacle by frame; nothing where it is not there.
-pub type Moving<'r> = &'r dyn Fn(usize) -> Option<Obstacle>;
+impl Clearance {
+    /// A margin counts as kept when no more than this of it is missing, metres.
+    pub const TOLERANCE: f32 = 0.005;
 
-/// All rows.
-pub struct Rows<'r> {
-    /// The joints, at most [`TRACKS`], each once; others are left alone, and obstacles count for these only.
-    pub tracks: &'r [Track<'r>],
-    /// Obstacles.
-    pub obstacles: &'r [Moving<'r>],
+    /// Whether the figure keeps clear of all obstacles; where it does not, there was no way for it.
+    #[must_use]
+    pub fn kept(&self) -> bool {
+        self.missing <= Self::TOLERANCE
+    }
 }
 
-/// What is left.
+/// What came of tracks and obstacles.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Left {
-    /// Largest distance of a joint from where it is wanted, over hard rows, metres.
-    pub off: f32,
-    /// Least distance of a joint beyond an obstacle's margin, metres; negative inside, infinite without obstacles.
-    pub clearance: f32,
-    /// Repetitions.
-    pub rounds: u16,
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Followed {
+    /// Distance of the generated motion from the tracks; `None` without tracks.
+    pub before: Option<TrackingError>,
+    /// Distance of the edited one.
+    pub after: Option<TrackingError>,
+    /// Positions that could not be followed as fast as they ask for.
+    pub hurried: u16,
+    /// How near the generated motion came to an obstacle; `None` without obstacles.
+    pub clearance_before: Option<Clearance>,
+    /// How near the edited one does.
+    pub clearance: Option<Clearance>,
 }
 
 /// Everything that [`follow`] works in.
@@ -92,12 +118,12 @@ pub struct DenseScratch<'a> {
 }
 
 impl<'a> DenseScratch<'a> {
-    /// For motions of `frames` frames and so many tracks.
+    /// For motions of `frames` frames and so many joints with rows, [`Rows::joints`].
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
-    pub fn take(frames: usize, tracks: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
-        let edit = Edit::take(frames, 0, tracks, arena)?;
+    pub fn take(frames: usize, joints: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
+        let edit = Edit::take(frames, 0, joints, arena)?;
         let (smoother, smoothed) = (Smoother::take(frames, arena)?, arena.take(frames)?);
         Ok(DenseScratch { edit, smoother, smoothed, lacks: arena.take(frames)? })
     }
@@ -114,25 +140,41 @@ impl Lack {
     const NONE: Self = Lack { way: [0.0; 3], noise: [f32::INFINITY; 3] };
 }
 
-/// Edits a motion until its rows are met, in place. `poses`: `[T]`, metres, as many frames as `scratch` was taken for; of `rows` as many
-/// tracks.
-pub fn follow(poses: &mut [Pose], rows: &Rows<'_>, planted: bool, scratch: &mut DenseScratch<'_>) -> Left {
+/// Edits a motion until its rows are met, in place. `poses`: `[T]`, metres, as many frames as `scratch` was taken for, and as many joints as
+/// `rows` has.
+pub fn follow(poses: &mut [Pose], rows: &Rows<'_>, settings: &Exact, scratch: &mut DenseScratch<'_>) -> Edited {
     let DenseScratch { edit, smoother, smoothed, lacks } = scratch;
-    edit.begin(poses, &AnchorSet::EMPTY, planted);
-    for (slot, track) in edit.tracks.parts.iter_mut().zip(rows.tracks) {
-        *slot = Part::alone(track.joint);
-    }
-    let passes = &passes(poses, rows);
-    let mut left = View { poses, rows, edit, passes }.left(0);
+    edit.begin(poses, &AnchorSet::EMPTY, settings.planted);
+    let movers = &rows.movers();
+    edit.tracks.set(movers);
+    let step = settings.added_speed / f32::from(if rows.frame_rate > 0 { rows.frame_rate } else { 1 });
+    let step = if step > LEAST_STEP { step } else { LEAST_STEP };
+    let passes = &passes(poses, rows, movers);
+    let before = View { poses, rows, movers, edit, passes, step };
+    let distances = |view: &View<'_, '_>| Distances::of(rows.anchors, &|joint, frame| view.joint(joint, frame));
+    let anchors = |view: &View<'_, '_>| {
+        (!rows.anchors.is_empty()).then(|| distances(view).control_error(rows.anchors))
+    };
+    let first = anchors(&before);
+    let generated = before.left();
+    let mut left = generated;
+    let mut hurried = 0;
     let mut soft = 1.0;
-    while left.rounds < LEAST_ROUNDS || left.rounds < ROUNDS && (left.off > MET || left.clearance < -MET) {
-        for who in core::iter::once(None).chain((0..rows.tracks.len()).map(Some)) {
-            let view = View { poses, rows, edit, passes };
-            for (frame, slot) in lacks.iter_mut().enumerate() {
-                let Lack { way, noise } = view.lack_of(who, soft, frame);
-                *slot = [way, noise];
-            }
+    let mut rounds = 0;
+    loop {
+        let blocked = left.clearance.is_some_and(|clearance| clearance.missing > MET);
+        let most = if blocked { MORE_ROUNDS } else { ROUNDS };
+        if rounds >= most || rounds >= LEAST_ROUNDS && !blocked && left.off <= MET {
+            break;
+        }
+        for who in core::iter::once(None).chain((0..movers.len()).map(Some)) {
             let own_way = who.map_or([0.0; 2], |index| edit.tracks.part(index).own_way());
+            if who.is_some() && own_way.iter().all(|deviation| !(*deviation > LEAST_WAY)) {
+                continue;
+            }
+            let view = View { poses, rows, movers, edit, passes, step };
+            let late = view.fill(who, soft, lacks);
+            hurried = if who.is_none() { late } else { hurried };
             for axis in 0..3 {
                 let process = match (who, axis) {
                     (None, 1) => Process::own(HEIGHT, LENGTH),
@@ -164,16 +206,30 @@ pub fn follow(poses: &mut [Pose], rows: &Rows<'_>, planted: bool, scratch: &mut 
                 edit.build(poses, &AnchorSet::EMPTY);
             }
         }
-        left = View { poses, rows, edit, passes }.left(left.rounds + 1);
+        left = View { poses, rows, movers, edit, passes, step }.left();
+        rounds += 1;
         soft *= YIELD;
     }
+    let after = anchors(&View { poses, rows, movers, edit, passes, step });
+    let mut tally = Tally::new(rows.frame_rate);
     for (frame, pose) in poses.iter_mut().enumerate() {
-        *pose = edit.apply(pose, frame);
+        let moved = edit.apply(pose, frame);
+        if tally.add(pose, &moved) {
+            *pose = moved;
+        }
     }
-    left
+    let followed = Followed {
+        before: generated.tracks,
+        after: left.tracks,
+        hurried,
+        clearance_before: generated.clearance,
+        clearance: left.clearance,
+    };
+    let strain = Strain { value: tally.value(), anchor: first.map_or(0, |before| before.worst_anchor) };
+    Edited { before: first, after, rounds, loosened: 0, strain, followed: Some(followed) }
 }
 
-/// An obstacle in the way of the motion as it was generated: from which frame to which, and to which side all joints pass it.
+/// An obstacle in the way of the motion as it was generated: from which frame to which, and to which side the figure passes it.
 #[derive(Debug, Clone, Copy)]
 struct Pass {
     obstacle: usize,
@@ -182,57 +238,68 @@ struct Pass {
     side: Vector,
 }
 
+/// What of each limb is deepest in an obstacle at a frame, if anything is inside.
+type Inside<'s> = &'s dyn Fn(usize, u8) -> Option<(Solid, Nearest)>;
+
 /// Where obstacles are in the way, the first [`PASSES`] times.
-fn passes(poses: &[Pose], rows: &Rows<'_>) -> Vec<Pass, PASSES> {
+#[inline(never)]
+fn passes(poses: &[Pose], rows: &Rows<'_>, movers: &Movers) -> Vec<Pass, PASSES> {
     let mut passes = Vec::new();
-    for (number, obstacle) in rows.obstacles.iter().enumerate() {
-        let inside = |t: usize, joint: u8| {
-            let at = place(poses.get(t), joint);
-            obstacle(t).filter(|body| t < poses.len() && body.clearance(at) < 0.0).map(|body| (body, at))
+    for (number, obstacle) in rows.obstacles().iter().enumerate() {
+        let inside = |t: usize, mover: u8| {
+            let body = obstacle.at(2 * t, rows.frame_rate);
+            let led = Led::by(mover, movers);
+            let deepest = led.nearest(&body, obstacle.joints, poses.get(t)?, [0.0; 3]);
+            (deepest.clearance < 0.0).then_some((body, deepest))
         };
-        let any = |t: usize| rows.tracks.iter().any(|track| inside(t, track.joint).is_some());
-        let mut t = 0;
-        while t < poses.len() {
-            let first = t;
-            while any(t) {
-                t += 1;
-            }
-            if t > first {
-                let side = side(rows, &inside, (first, t - 1));
-                // One more than there is room for is passed as that obstacle's nearest pass, or straight away from it.
-                let _ = passes.push(Pass { obstacle: number, first, last: t - 1, side });
-            }
-            t += 1;
+        let any = |t: usize| {
+            let body = obstacle.at(2 * t, rows.frame_rate);
+            let pose = poses.get(t);
+            pose.is_some_and(|pose| Led::ALL.nearest(&body, obstacle.joints, pose, [0.0; 3]).clearance < 0.0)
+        };
+        let mut pass: Option<(usize, usize)> = None;
+        let mut end = |(first, last): (usize, usize)| {
+            let side = side(movers, &inside, (first, last));
+            // One more than there is room for is passed as that obstacle's nearest pass, or straight away from it.
+            let _ = passes.push(Pass { obstacle: number, first, last, side });
+        };
+        for t in (0..poses.len()).filter(|t| any(*t)) {
+            pass = Some(match pass {
+                Some((first, last)) if t - last <= ONE_PASS => (first, t),
+                Some(before) => {
+                    end(before);
+                    (t, t)
+                }
+                None => (t, t),
+            });
+        }
+        if let Some(last) = pass {
+            end(last);
         }
     }
     passes
 }
 
-/// To which side joints that are inside an obstacle between two frames leave it: the one in which the joint that has the longest way out has
+/// To which side what is inside an obstacle between two frames leaves it: the one in which what has the longest way out has
 /// the shortest: across the way on which it is passed, over or below it, or straight away from where one is deepest.
-fn side(
-    rows: &Rows<'_>,
-    inside: &dyn Fn(usize, u8) -> Option<(Obstacle, Vector)>,
-    (first, last): (usize, usize),
-) -> Vector {
-    // Of each joint where it is deepest, and its way through, seen from the obstacle, which may move.
-    let mut deepest: Vec<(f32, Obstacle, Vector), TRACKS> = Vec::new();
+fn side(movers: &Movers, inside: Inside<'_>, (first, last): (usize, usize)) -> Vector {
+    // Of each limb where it is deepest, and its way through, seen from the obstacle, which may move.
+    let mut deepest: Vec<(f32, Solid, Vector), JOINTS> = Vec::new();
     let mut travel = [0.0; 3];
-    for track in rows.tracks {
-        let mut own: Option<(f32, Obstacle, Vector)> = None;
+    for (mover, _) in movers {
+        let mut own: Option<(f32, Solid, Vector)> = None;
         let mut entered = None;
         for t in first..=last {
-            let Some((body, at)) = inside(t, track.joint) else { continue };
-            let seen = subtract(at, body.middle);
+            let Some((body, nearest)) = inside(t, *mover) else { continue };
+            let seen = subtract(nearest.point, body.middle);
             let way = subtract(seen, *entered.get_or_insert(seen));
             travel = if t == last || dot(way, way) > dot(travel, travel) { way } else { travel };
-            let clearance = body.clearance(at);
-            if own.is_none_or(|(least, ..)| clearance < least) {
-                own = Some((clearance, body, at));
+            if own.is_none_or(|(least, ..)| nearest.clearance < least) {
+                own = Some((nearest.clearance, body, nearest.point));
             }
         }
         if let Some(own) = own {
-            // There is room for every track.
+            // There is room for every one.
             let _ = deepest.push(own);
         }
     }
@@ -264,13 +331,56 @@ fn side(
 struct View<'s, 'a> {
     poses: &'s [Pose],
     rows: &'s Rows<'s>,
+    movers: &'s Movers,
     edit: &'s Edit<'a>,
     passes: &'s [Pass],
+    /// Way that may be added from a frame to the next, metres.
+    step: f32,
+}
+
+/// What is left of all rows.
+#[derive(Debug, Clone, Copy)]
+struct Left {
+    /// Largest distance of a joint from where it is wanted, over hard rows, metres.
+    off: f32,
+    tracks: Option<TrackingError>,
+    clearance: Option<Clearance>,
+}
+
+/// What a track asks of its joint, as far as speed allows: it follows with no more than a step a frame.
+#[derive(Debug, Clone, Copy)]
+struct Pace {
+    /// Frame of the last row and what it asked for, metres from where the joint was generated.
+    last: (usize, Vector),
+}
+
+impl Pace {
+    /// What may be asked for at a frame of all of `need`, metres, and whether that is less.
+    fn limited(&mut self, frame: usize, need: Vector, step: f32) -> (Vector, bool) {
+        let (last, had) = self.last;
+        let way = subtract(need, had);
+        let (far, most) = (length(way), step * (frame - last) as f32);
+        let hurried = far > most;
+        let need = if hurried { add(had, scale(way, most / far)) } else { need };
+        self.last = (frame, need);
+        (need, hurried)
+    }
 }
 
 impl View<'_, '_> {
+    /// The edited pose of a frame, of which the parts that move for `who` count; the last one's behind the end.
+    fn pose(&self, frame: usize, who: Option<usize>) -> Pose {
+        let last = self.poses.len().saturating_sub(1);
+        let frame = if frame < last { frame } else { last };
+        let Some(pose) = self.poses.get(frame) else { return [[0.0; 3]; JOINTS] };
+        match who.and_then(|index| self.movers.get(index)) {
+            Some((joint, _)) => self.edit.applied(pose, frame, Edit::limbs_of(*joint)),
+            None => self.edit.apply(pose, frame),
+        }
+    }
+
     fn joint(&self, joint: u8, frame: usize) -> Vector {
-        place(self.poses.get(frame).map(|pose| self.edit.apply(pose, frame)).as_ref(), joint)
+        self.poses.get(frame).map(|pose| self.edit.joint(pose, frame, joint)).unwrap_or_default()
     }
 
     /// To which side an obstacle is passed at a frame: as the pass says that is nearest in time; nowhere without one.
@@ -286,84 +396,189 @@ impl View<'_, '_> {
         nearest.1
     }
 
-    /// What a joint lacks; `way` is what has been added to it by whoever is to be found anew.
-    fn lack(&self, track: &Track<'_>, frame: usize, way: Vector) -> Lack {
-        let at = self.joint(track.joint, frame);
+    /// Fills in what the root lacks, or one of the movers, at every frame, and how many positions of tracks speed does not allow.
+    #[inline(never)]
+    fn fill(&self, who: Option<usize>, soft: f32, lacks: &mut [[Vector; 2]]) -> u16 {
+        let mut paces: Vec<Pace, JOINTS> = self.movers.iter().map(|_| Pace { last: (0, [0.0; 3]) }).collect();
+        let looks = !self.rows.obstacles().is_empty();
+        let mut here = self.pose(0, who);
+        let mut before = here;
+        let mut hurried = 0;
+        for (frame, slot) in lacks.iter_mut().enumerate() {
+            let after = if looks || who.is_none() { self.pose(frame + 1, who) } else { here };
+            let window = [&before, &here, &after];
+            let way = self.edit.tracks.ways(who).get(frame).copied().unwrap_or_default();
+            let mut shared = Lack::NONE;
+            let mut weights: Vector = [0.0; 3];
+            let all = self.movers.iter().zip(&mut paces).enumerate();
+            for (index, (mover, pace)) in all.filter(|(index, _)| who.is_none_or(|who| who == *index)) {
+                let (lack, late) = self.lack(*mover, frame, window, way, pace);
+                hurried += u16::from(late);
+                if who.is_some() {
+                    shared = lack;
+                    continue;
+                }
+                // The root takes the mean of all, each by how surely it asks that of the root: the more the less its part goes itself, of
+                // which `soft` is left.
+                let [floor, height] = self.edit.tracks.part(index).own_way();
+                let slots = shared.way.iter_mut().zip(&mut weights);
+                for (((sum, weight), (way, noise)), own) in
+                    slots.zip(lack.way.iter().zip(lack.noise)).zip([floor, height, floor])
+                {
+                    let own = if soft * own > LEAST_WAY { soft * own } else { LEAST_WAY };
+                    *sum += way / (own * own + noise);
+                    *weight += 1.0 / (own * own + noise);
+                }
+            }
+            if who.is_none() {
+                for ((sum, noise), weight) in shared.way.iter_mut().zip(&mut shared.noise).zip(weights) {
+                    if weight > 0.0 {
+                        (*sum, *noise) = (*sum / weight, 1.0 / weight);
+                    }
+                }
+            }
+            *slot = [shared.way, shared.noise];
+            before = here;
+            here = if looks || who.is_none() { after } else { self.pose(frame + 1, who) };
+        }
+        hurried
+    }
+
+    /// What a mover lacks at a frame, whose pose is the middle one of `window`, and whether speed does not allow all of it; `way` is what has been
+    /// added to it by whoever is to be found anew.
+    fn lack(
+        &self,
+        (joint, part): (u8, Part),
+        frame: usize,
+        window: [&Pose; 3],
+        way: Vector,
+        pace: &mut Pace,
+    ) -> (Lack, bool) {
+        let [_, here, _] = window;
         let mut lack = Lack::NONE;
-        if let Some(Wanted { place, axes, noise }) = (track.wanted)(frame) {
-            let off = subtract(place, at);
-            let slots = lack.way.iter_mut().zip(lack.noise.iter_mut());
-            for ((way, loose), (counts, off)) in slots.zip(axes.into_iter().zip(off)) {
-                if counts {
-                    (*way, *loose) = (off, if noise > 0.0 { noise } else { 0.0 });
+        let mut hurried = false;
+        if let Some(Wanted { place, noise }) = self.rows.wanted(joint, frame) {
+            let at = here.get(usize::from(joint)).copied().unwrap_or_default();
+            let was = super::place(self.poses.get(frame), joint);
+            let mut need = subtract(place, was);
+            for (need, noise) in need.iter_mut().zip(noise) {
+                *need = if noise < f32::INFINITY { *need } else { 0.0 };
+            }
+            if part != Part::Body && pace.last.0 == 0 && frame < NEAR {
+                // A limb may begin elsewhere.
+                pace.last = (0, need);
+            }
+            (need, hurried) = pace.limited(frame, need, self.step);
+            let off = subtract(add(was, need), at);
+            for ((way, loose), (noise, off)) in lack.way.iter_mut().zip(&mut lack.noise).zip(noise.into_iter().zip(off)) {
+                if noise < f32::INFINITY {
+                    (*way, *loose) = (off, noise);
                 }
             }
         }
-        for (index, obstacle) in self.rows.obstacles.iter().enumerate() {
-            let Some(body) = obstacle(frame) else { continue };
-            // Whoever has been taken out stays where that led.
-            if body.clearance(at) < 0.0 || body.clearance(subtract(at, way)) < 0.0 {
-                lack.way = add(lack.way, body.push(at, self.side(index, frame)));
-                lack.noise = [0.0; 3];
-            }
+        let led = Led::by(joint, self.movers);
+        if !led.is_empty() {
+            self.clear(led, frame, window, way, &mut lack);
         }
         let far = length(lack.way);
         if far > MOST {
             lack.way = scale(lack.way, MOST / far);
         }
-        lack
+        (lack, hurried)
     }
 
-    /// What the root lacks, or a track's part. The root takes the mean of all tracks, each by how surely it asks that of the root: the more
-    /// the less its part goes itself, of which `soft` is left.
-    fn lack_of(&self, who: Option<usize>, soft: f32, frame: usize) -> Lack {
-        let way = self.edit.tracks.ways(who).get(frame).copied().unwrap_or_default();
-        if let Some(index) = who {
-            return self.rows.tracks.get(index).map_or(Lack::NONE, |track| self.lack(track, frame, way));
-        }
-        let mut shared = Lack::NONE;
-        let mut weights: Vector = [0.0; 3];
-        for (index, track) in self.rows.tracks.iter().enumerate() {
-            let lack = self.lack(track, frame, way);
-            let [floor, height] = self.edit.tracks.part(index).own_way();
-            let slots = shared.way.iter_mut().zip(&mut weights);
-            for (((sum, weight), (way, noise)), own) in
-                slots.zip(lack.way.iter().zip(lack.noise)).zip([floor, height, floor])
-            {
-                let own = if soft * own > LEAST_WAY { soft * own } else { LEAST_WAY };
-                *sum += way / (own * own + noise);
-                *weight += 1.0 / (own * own + noise);
+    /// Adds what obstacles ask for.
+    fn clear(&self, led: Led, frame: usize, window: [&Pose; 3], way: Vector, lack: &mut Lack) {
+        let [before, here, after] = window;
+        for (index, obstacle) in self.rows.obstacles().iter().enumerate() {
+            let mut longest: Option<Vector> = None;
+            let mut spare = f32::INFINITY;
+            for (half, other) in [(1, before), (2, here), (3, after)] {
+                let Some(halves) = (2 * frame + half).checked_sub(2) else { continue };
+                let body = obstacle.at(halves, self.rows.frame_rate);
+                let pose = &between(here, other);
+                let nearest = led.nearest(&body, obstacle.joints, pose, [0.0; 3]);
+                // Whoever has been taken out stays out.
+                let freed = || led.nearest(&body, obstacle.joints, pose, scale(way, -1.0)).clearance < 0.0;
+                if nearest.clearance < 0.0 || dot(way, way) > 0.0 && freed() {
+                    let push = body.push(nearest.point, self.side(index, frame));
+                    spare = if nearest.clearance < spare { nearest.clearance } else { spare };
+                    if longest.is_none_or(|longest| dot(push, push) > dot(longest, longest)) {
+                        longest = Some(push);
+                    }
+                }
             }
-        }
-        for ((sum, noise), weight) in shared.way.iter_mut().zip(&mut shared.noise).zip(weights) {
-            if weight > 0.0 {
-                (*sum, *noise) = (*sum / weight, 1.0 / weight);
+            let Some(push) = longest else { continue };
+            // What a track asks for against it does not count.
+            let against = dot(lack.way, push);
+            let square = dot(push, push);
+            if against < 0.0 && square > 0.0 {
+                lack.way = subtract(lack.way, scale(push, against / square));
             }
+            lack.way = add(lack.way, push);
+            // What is farther out than it needs to be may come back by as much.
+            let noise = if spare > 0.0 { spare * spare } else { 0.0 };
+            lack.noise = lack.noise.map(|other| if noise < other { noise } else { other });
         }
-        shared
     }
 
     /// What is left of all rows.
-    fn left(&self, rounds: u16) -> Left {
-        let mut left = Left { off: 0.0, clearance: f32::INFINITY, rounds };
+    #[inline(never)]
+    fn left(&self) -> Left {
+        let mut left = Left { off: 0.0, tracks: None, clearance: None };
+        let (mut sum, mut count) = (0.0, 0.0);
+        let mut here = self.pose(0, None);
         for frame in 0..self.poses.len() {
-            for track in self.rows.tracks {
-                let at = self.joint(track.joint, frame);
-                if let Some(Wanted { place, axes, noise }) = (track.wanted)(frame)
-                    && !(noise > 0.0)
-                {
-                    let mut off = subtract(place, at);
-                    for (off, counts) in off.iter_mut().zip(axes) {
-                        *off = if counts { *off } else { 0.0 };
-                    }
-                    left.off = if length(off) > left.off { length(off) } else { left.off };
+            let after = self.pose(frame + 1, None);
+            let at = |joint: u8| here.get(usize::from(joint)).copied().unwrap_or_default();
+            for anchor in self.rows.anchors.iter().filter(|anchor| usize::from(anchor.frame) == frame) {
+                let off = length(anchor.residual(at(anchor.joint)));
+                left.off = if off > left.off { off } else { left.off };
+            }
+            for (index, track) in self.rows.tracks.iter().enumerate() {
+                let Some(place) = track.at(frame) else { continue };
+                let mut off = subtract(place, at(track.joint));
+                for (off, counts) in off.iter_mut().zip(track.axes) {
+                    *off = if counts { *off } else { 0.0 };
                 }
-                for obstacle in self.rows.obstacles {
-                    let clearance = obstacle(frame).map_or(f32::INFINITY, |body| body.clearance(at));
-                    left.clearance = if clearance < left.clearance { clearance } else { left.clearance };
+                let off = length(off);
+                (sum, count) = (sum + off, count + 1.0);
+                left.off = if off > left.off && !(track.tolerance > 0.0) { off } else { left.off };
+                if left.tracks.is_none_or(|tracks| off > tracks.worst) {
+                    let (worst_track, worst_frame) = (index as u16, frame as u16);
+                    left.tracks = Some(TrackingError { mean: 0.0, worst: off, worst_track, worst_frame });
                 }
             }
+            for (index, obstacle) in self.rows.obstacles().iter().enumerate() {
+                for (half, other) in [(0, &here), (1, &after)] {
+                    let body = obstacle.at(2 * frame + half, self.rows.frame_rate);
+                    let nearest = Led::ALL.nearest(&body, obstacle.joints, &between(&here, other), [0.0; 3]);
+                    let missing = -nearest.clearance;
+                    if left.clearance.is_none_or(|clearance| missing > clearance.missing) {
+                        left.clearance = Some(Clearance {
+                            least: nearest.clearance + obstacle.margin,
+                            missing,
+                            obstacle: index as u16,
+                            joint: nearest.joint,
+                            frame: frame as u16,
+                        });
+                    }
+                }
+            }
+            here = after;
+        }
+        if let Some(tracks) = &mut left.tracks {
+            tracks.mean = sum / count;
         }
         left
     }
+}
+
+/// Half way from one pose to another.
+fn between(a: &Pose, b: &Pose) -> Pose {
+    let mut out = *a;
+    for (a, b) in out.iter_mut().zip(b) {
+        *a = scale(add(*a, *b), 0.5);
+    }
+    out
 }

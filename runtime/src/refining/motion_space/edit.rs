@@ -2,7 +2,9 @@
 
 use super::covariance::Covariance;
 use super::parts::{Part, Side};
+use super::rows::Movers;
 use super::stances::{HELD, fill, mark, next_run};
+use crate::JOINTS;
 use crate::kernels;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::numerics::rotation::Rotation;
@@ -59,10 +61,8 @@ impl Point {
     const NONE: Self = Point { frame: 0, tall: false, part: Part::Body, soft: 1.0, loose: 0.0 };
 }
 
-/// Most joints with rows at every frame.
-pub const TRACKS: usize = 6;
-/// Whether there may be tracks: no request has them yet, so firmware does not link what they take.
-const TRACKED: bool = cfg!(feature = "internals");
+/// Whether there may be tracks.
+const TRACKED: bool = cfg!(feature = "tracks");
 /// A mark of a frame with an anchor, outside of stances.
 const ANCHORED: u8 = 1;
 /// A stance is not held more loosely than this, of [`HELD`].
@@ -76,11 +76,11 @@ struct Offsets<'a> {
     offsets: &'a mut [Vector],
 }
 
-/// Ways that are known at every frame, of tracks: of the root, and of a part each.
+/// Ways that are known at every frame, of joints with rows: of the root, and of a part each.
 #[derive(Debug)]
 pub struct Tracks<'a> {
     /// The parts.
-    pub(super) parts: [Part; TRACKS],
+    parts: [Part; JOINTS],
     count: usize,
     /// Of the root, then of each part, `[1 + count][T]`; empty without tracks.
     ways: &'a mut [Vector],
@@ -89,13 +89,19 @@ pub struct Tracks<'a> {
 
 impl<'a> Tracks<'a> {
     fn take(frames: usize, count: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
-        let count = if count < TRACKS { count } else { TRACKS };
+        let count = if count < JOINTS { count } else { JOINTS };
         let ways = arena.take(if count > 0 { (1 + count) * frames } else { 0 })?;
-        Ok(Tracks { parts: [Part::Body; TRACKS], count, ways, frames })
+        Ok(Tracks { parts: [Part::Body; JOINTS], count, ways, frames })
     }
 
-    /// The part of a track.
-    #[cfg(feature = "internals")]
+    /// Whose ways they are.
+    pub(super) fn set(&mut self, movers: &Movers) {
+        for (slot, (_, part)) in self.parts.iter_mut().zip(movers) {
+            *slot = *part;
+        }
+    }
+
+    /// The part of a joint with rows.
     pub(super) fn part(&self, index: usize) -> Part {
         self.parts.get(index).copied().unwrap_or(Part::Body)
     }
@@ -111,7 +117,6 @@ impl<'a> Tracks<'a> {
     }
 
     /// The same to be written.
-    #[cfg(feature = "internals")]
     pub(super) fn ways_mut(&mut self, who: Option<usize>) -> &mut [Vector] {
         let first = who.map_or(0, |index| 1 + index) * self.frames;
         self.ways.get_mut(first..first + self.frames).unwrap_or_default()
@@ -397,13 +402,17 @@ impl<'a> Edit<'a> {
 
     /// Where the edit puts one joint of it.
     pub fn joint(&self, pose: &Pose, frame: usize, joint: u8) -> Vector {
+        self.applied(pose, frame, Self::limbs_of(joint)).get(usize::from(joint)).copied().unwrap_or_default()
+    }
+
+    /// Which limbs of [`Edit::applied`] a joint is part of.
+    pub(super) const fn limbs_of(joint: u8) -> [bool; 3] {
         let (left, right) = (matches!(joint, 4 | 7 | 10), matches!(joint, 5 | 8 | 11));
-        let limbs = [left, right, joint > 2 && !left && !right];
-        self.applied(pose, frame, limbs).get(usize::from(joint)).copied().unwrap_or_default()
+        [left, right, joint > 2 && !left && !right]
     }
 
     /// The edited pose, of which only these count: left leg, right leg, all above the hips.
-    fn applied(&self, pose: &Pose, frame: usize, [left, right, upper]: [bool; 3]) -> Pose {
+    pub(super) fn applied(&self, pose: &Pose, frame: usize, [left, right, upper]: [bool; 3]) -> Pose {
         let mut out = *pose;
         let shift = self.shift(frame);
         for joint in &mut out {

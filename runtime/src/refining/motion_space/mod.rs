@@ -9,8 +9,8 @@
 //! - `covariance`: how edits at different frames go together.
 //! - `cholesky`: the linear systems.
 //! - `smoother`: the same for dense tracks, in time that grows with the frames alone.
-//! - `dense`, `obstacles`: rows at any number of frames, of where joints are and where they are not. These and the smoother are for
-//!   tests and tools, until requests have such rows.
+//! - `rows`: what tracks, obstacles and the anchors beside them ask of each joint.
+//! - `dense`: meets these rows; a request without tracks and obstacles does without it.
 //! - `stances`: when feet stand, and how offsets go from one stance to the next.
 //! - `parts`: which part of the body moves for which anchor.
 //! - `strain`: how far the edit takes a motion from what was generated.
@@ -22,13 +22,10 @@
 
 mod cholesky;
 mod covariance;
-#[cfg(feature = "internals")]
 pub mod dense;
 mod edit;
-#[cfg(feature = "internals")]
-pub mod obstacles;
 mod parts;
-#[cfg(feature = "internals")]
+pub mod rows;
 pub mod smoother;
 mod stances;
 mod strain;
@@ -44,6 +41,7 @@ use crate::request::conditions::{AnchorSet, MAX_ANCHORS};
 use cholesky::{Cholesky, triangle};
 use edit::{Edit, HEIGHT, Point, TAIL};
 use parts::{Part, Side};
+pub use dense::{Clearance, Followed, TrackingError};
 pub use strain::Strain;
 use strain::Tally;
 
@@ -108,6 +106,8 @@ pub struct Edited {
     pub loosened: u16,
     /// How much the anchors asked of the motion.
     pub strain: Strain,
+    /// What came of tracks and obstacles; `None` without them.
+    pub followed: Option<Followed>,
 }
 
 /// Everything that [`solve`] works with.
@@ -169,7 +169,7 @@ struct Solver<'s, 'a> {
 impl Solver<'_, '_> {
     fn run(&mut self) -> Edited {
         let strain = Strain { value: 0.0, anchor: 0 };
-        let mut edited = Edited { before: None, after: None, rounds: 0, loosened: 0, strain };
+        let mut edited = Edited { before: None, after: None, rounds: 0, loosened: 0, strain, followed: None };
         if self.anchors.is_empty() {
             return edited;
         }

@@ -5,8 +5,6 @@
 //! and the other gets what is left: toes turn about their ankle, neck and head about the upper spine, a shoulder at the end of its
 //! collar bone.
 
-#[cfg(feature = "internals")]
-use crate::request::conditions::Family;
 use crate::request::conditions::Observed;
 
 /// Anchors of the trunk are of one moment when they are no farther apart than this, frames.
@@ -90,13 +88,6 @@ impl Part {
             Part::Wrist(side) => 40 + side as u8,
         };
         1u64.wrapping_shl(place as u32)
-    }
-
-    /// What moves for a joint that has no other beside it.
-    #[cfg(feature = "internals")]
-    pub fn alone(joint: u8) -> Self {
-        let anchor = Observed { target: [0.0; 3], frame: 0, index: 0, joint, family: Family::BodyPoint };
-        Self::of(&anchor, core::iter::empty())
     }
 
     /// How far the part goes its own way while the root takes the rest, metres: standard deviations over the floor and in height.

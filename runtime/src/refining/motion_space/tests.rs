@@ -344,22 +344,37 @@ fn memory_is_small() {
 }
 
 mod rows {
-    use super::super::dense::{DenseScratch, Left, Moving, Rows, Track, Wanted, follow};
-    use super::super::obstacles::{Obstacle, Shape};
+    use super::super::Followed;
+    use super::super::dense::{DenseScratch, follow};
+    use super::super::rows::{Led, Rows};
     use super::*;
+    use crate::numerics::solid::{Shape, Solid};
+    use crate::request::conditions::{Course, Keyframe, Obstacle, Track};
 
     /// Pelvis, head, wrists, ankles.
     const SIX: [u8; 6] = [0, 15, 20, 21, 7, 8];
+    const FREE: Track<'static> =
+        Track { joint: 0, first: 0, axes: [true; 3], mask: None, positions: &[], tolerance: 0.0 };
 
-    fn followed(poses: &[Pose], rows: &Rows<'_>) -> (Vec<Pose>, Left) {
-        let bytes = Arena::measure(|arena| DenseScratch::take(poses.len(), rows.tracks.len(), arena));
+    fn followed(
+        poses: &[Pose],
+        anchors: &[Anchor],
+        tracks: &[Track<'_>],
+        obstacles: &[Obstacle<'_>],
+    ) -> (Vec<Pose>, Followed) {
+        let anchors = &AnchorSet::new(anchors, poses.len()).unwrap();
+        crate::request::conditions::track::check(tracks, anchors, poses.len()).unwrap();
+        crate::request::conditions::obstacle::check(obstacles, anchors, tracks, 20).unwrap();
+        let rows = Rows { anchors, tracks, obstacles, frame_rate: 20 };
+        let joints = rows.joints().count_ones() as usize;
+        let bytes = Arena::measure(|arena| DenseScratch::take(poses.len(), joints, arena));
         let mut memory = vec![0u128; bytes.div_ceil(16)];
         let mut arena = Arena::new(bytemuck::cast_slice_mut(&mut memory));
-        let mut scratch = DenseScratch::take(poses.len(), rows.tracks.len(), &mut arena).unwrap();
+        let mut scratch = DenseScratch::take(poses.len(), joints, &mut arena).unwrap();
         let mut out = poses.to_vec();
-        let left = follow(&mut out, rows, true, &mut scratch);
+        let edited = follow(&mut out, &rows, &Exact::DEFAULT, &mut scratch);
         assert!(out.as_flattened().as_flattened().iter().all(|v| v.is_finite()));
-        (out, left)
+        (out, edited.followed.unwrap())
     }
 
     /// How far limbs are from the length that they had.
@@ -393,16 +408,14 @@ mod rows {
         let before = (0..196).flat_map(|t| SIX.map(|j| distance(poses[t][usize::from(j)], goal[t][usize::from(j)])));
         assert!(before.fold(0.0, larger) > 0.1);
         let every = |step: usize| {
-            let places = SIX.map(|joint| {
-                let goal = &goal;
-                move |t: usize| {
-                    let place = goal[t][usize::from(joint)];
-                    (t % step == 3 % step && t > 2).then_some(Wanted { place, axes: [true; 3], noise: 0.0 })
-                }
-            });
-            let tracks: Vec<Track<'_>> =
-                SIX.iter().zip(&places).map(|(joint, wanted)| Track { joint: *joint, wanted }).collect();
-            followed(&poses, &Rows { tracks: &tracks, obstacles: &[] })
+            let mask: Vec<u8> = (3..196).map(|t| u8::from(t % step == 3 % step)).collect();
+            let paths = SIX.map(|joint| goal[3..].iter().map(|pose| pose[usize::from(joint)]).collect::<Vec<_>>());
+            let tracks: Vec<Track<'_>> = SIX
+                .iter()
+                .zip(&paths)
+                .map(|(joint, positions)| Track { joint: *joint, first: 3, mask: Some(&mask), positions, ..FREE })
+                .collect();
+            followed(&poses, &[], &tracks, &[])
         };
         for step in [1, 4, 40] {
             let (out, left) = every(step);
@@ -410,78 +423,135 @@ mod rows {
             let off = off.flat_map(|t| SIX.map(|j| distance(out[t][usize::from(j)], goal[t][usize::from(j)])));
             let worst = off.fold(0.0, larger);
             std::println!("every {step} frames: {worst} m, {left:?}");
-            assert!(worst < 0.001 && (worst - left.off).abs() < 1e-5, "every {step}: {worst} {left:?}");
+            let report = left.after.unwrap();
+            assert!(worst < 0.001 && (worst - report.worst).abs() < 1e-5, "every {step}: {worst} {left:?}");
+            assert!(report.mean <= report.worst && left.before.unwrap().worst > 0.1 && left.hurried == 0, "{left:?}");
             assert!(stretched(&out, &poses) < 1e-3);
             assert!(added_speed(&out, &poses) < 3.0, "{}", added_speed(&out, &poses));
         }
     }
 
-    /// A soft row goes the less of its way the softer it is; an axis that does not count is left alone.
+    /// A soft row goes the less of its way the softer it is; an axis that does not count is left alone; an anchor beside a track is met.
     #[test]
     fn rows_have_their_own_hardness_and_axes() {
         let poses = walk(120);
-        let go = |noise: f32, axes: [bool; 3]| {
-            let at = |t: usize| {
-                let place = add(poses[60][0], [0.4, 0.3, 0.0]);
-                (t == 60).then_some(Wanted { place, axes, noise })
-            };
-            let tracks = [Track { joint: 0, wanted: &at }];
-            let (out, left) = followed(&poses, &Rows { tracks: &tracks, obstacles: &[] });
-            (subtract(out[60][0], poses[60][0]), left)
+        let go = |tolerance: f32, axes: [bool; 3]| {
+            let positions = &[add(poses[60][0], [0.4, 0.3, 0.0])];
+            let tracks = [Track { first: 60, axes, positions, tolerance, ..FREE }];
+            let hand = add(poses[90][21], [0.1, 0.2, 0.0]);
+            let (out, left) = followed(&poses, &[Anchor::joint(90, 21, hand)], &tracks, &[]);
+            assert!(distance(out[90][21], hand) < 1e-3, "{left:?}");
+            subtract(out[60][0], poses[60][0])
         };
-        let ways = [0.0, 0.01, 0.1, 1.0].map(|noise| go(noise, [true, false, true]).0);
+        let ways = [0.0, 0.1, 0.3, 1.0].map(|tolerance| go(tolerance, [true, false, true]));
         assert!(ways.windows(2).all(|pair| pair[0][0] > pair[1][0] + 0.005), "{ways:?}");
-        assert!((ways[0][0] - 0.4).abs() < 1e-3 && ways.iter().all(|way| way[1].abs() < 1e-6), "{ways:?}");
-        assert!((go(0.0, [false, true, false]).0[1] - 0.3).abs() < 1e-3);
+        assert!((ways[0][0] - 0.4).abs() < 1e-3, "{ways:?}");
+        assert!((go(0.0, [false, true, false])[1] - 0.3).abs() < 1e-3);
     }
 
-    /// Obstacles of all forms, still and moving, in the way of a walk: nothing that is watched is inside the margin, by more than two
+    /// A track that leaps, and one that lies far off from the start: they are followed as fast as speed allows, and said to be too fast.
+    #[test]
+    fn tracks_that_leap_are_followed_as_fast_as_speed_allows() {
+        let poses = walk(120);
+        let leap: Vec<Vector> = (20..120)
+            .map(|t| add(poses[t][0], if t / 10 % 2 == 0 { [2.0, 0.0, 0.0] } else { [-2.0, 0.0, 0.0] }))
+            .collect();
+        let far: Vec<Vector> = (0..120).map(|t| add(poses[t][0], [-4.0, 0.0, 0.0])).collect();
+        for (first, positions) in [(20, &leap), (0, &far)] {
+            let tracks = [Track { first, positions, ..FREE }];
+            let (out, left) = followed(&poses, &[], &tracks, &[]);
+            let speed = added_speed(&out, &poses);
+            std::println!("{speed} m/s added, {left:?}");
+            assert!(left.hurried > 0 && left.after.unwrap().worst > 0.1, "{left:?}");
+            assert!(speed < 1.6 * Exact::DEFAULT.added_speed, "{speed} m/s");
+        }
+    }
+
+    /// Obstacles of all forms, still and moving, in the way of a walk: no joint and no bone is inside the margin, by more than five
     /// millimetres, bones keep their lengths, and early on the walk is nearly what it was.
     #[test]
     fn obstacles_are_kept_clear_of() {
         let poses = walk(196);
         let ahead = poses[100][0];
-        let still = |shape: Shape, middle: Vector| move |_: usize| Some(Obstacle { shape, middle, margin: 0.05 });
+        let still = |shape: Shape, middle: Vector| Obstacle::new(shape, middle);
         let pillar = still(Shape::Cylinder { radius: 0.2, half_height: 1.2 }, [0.1, 1.2, ahead[2]]);
         let ball = still(Shape::Sphere { radius: 0.3 }, [-0.25, 1.0, ahead[2]]);
         let bar = still(Shape::Capsule { half: [0.8, 0.0, 0.0], radius: 0.06 }, [0.0, 1.58, ahead[2]]);
         let crate_ = still(Shape::Box { half: [0.2, 0.35, 0.2] }, [0.35, 0.95, ahead[2]]);
         let wall = still(Shape::Plane { normal: [-1.0, 0.0, 0.0] }, [0.18, 0.0, 0.0]);
-        let crossing = |t: usize| {
-            let middle = [0.03 * (t as f32 - 104.0), 1.0, ahead[2] + 0.1];
-            Some(Obstacle { shape: Shape::Sphere { radius: 0.25 }, middle, margin: 0.05 })
-        };
-        let now_and_then = |t: usize| pillar(t).filter(|_| t > 90);
-        let scenes: [(&str, Vec<Moving<'_>>); 8] = [
-            ("pillar", vec![&pillar]),
-            ("ball", vec![&ball]),
-            ("bar", vec![&bar]),
-            ("crate", vec![&crate_]),
-            ("wall", vec![&wall]),
-            ("crossing ball", vec![&crossing]),
-            ("a pillar that comes", vec![&now_and_then]),
-            ("ball and wall", vec![&ball, &wall]),
+        let crossing = Course::Moving { from: [0.03 * -104.0, 1.0, ahead[2] + 0.1], velocity: [0.6, 0.0, 0.0] };
+        let crossing = still(Shape::Sphere { radius: 0.25 }, [0.0; 3]).moving(crossing);
+        let place = |frame: u16, x: f32| Keyframe { frame, position: [x, 1.2, ahead[2]] };
+        let keys = [place(60, 3.0), place(95, 0.1), place(110, 0.1), place(130, -3.0)];
+        let comes = pillar.moving(Course::Keyframes(&keys));
+        let scenes: [(&str, Vec<Obstacle<'_>>); 8] = [
+            ("pillar", vec![pillar]),
+            ("ball", vec![ball]),
+            ("bar", vec![bar]),
+            ("crate", vec![crate_]),
+            ("wall", vec![wall]),
+            ("crossing ball", vec![crossing]),
+            ("a pillar that comes and goes", vec![comes]),
+            ("ball and wall", vec![ball, wall]),
         ];
         for (name, obstacles) in scenes {
-            let free = |_: usize| None;
-            let tracks = SIX.map(|joint| Track { joint, wanted: &free });
             let watched = |poses: &[Pose]| {
-                let clearances = poses.iter().enumerate().flat_map(|(t, pose)| {
-                    let each = obstacles.iter().filter_map(move |obstacle| obstacle(t));
-                    each.flat_map(|body| SIX.map(|joint| body.clearance(pose[usize::from(joint)]))).collect::<Vec<_>>()
+                let each = poses.iter().enumerate().flat_map(|(t, pose)| {
+                    obstacles.iter().map(move |obstacle| bones_clear(&obstacle.at(2 * t, 20), pose))
                 });
-                clearances.fold(f32::INFINITY, |a, b| if b < a { b } else { a })
+                each.fold(f32::INFINITY, |a, b| if b < a { b } else { a })
             };
             assert!(watched(&poses) < -0.02, "{name}: nothing in the way");
-            let (out, left) = followed(&poses, &Rows { tracks: &tracks, obstacles: &obstacles });
+            let (out, left) = followed(&poses, &[], &[], &obstacles);
             let least = watched(&out);
             std::println!("{name}: {} -> {least} m, {left:?}, {} m/s", watched(&poses), added_speed(&out, &poses));
-            assert!(least > -0.002 && (least - left.clearance).abs() < 1e-5, "{name}: {least} {left:?}");
+            assert!(least > -0.005 && left.clearance.unwrap().kept(), "{name}: {least} {left:?}");
             assert!(stretched(&out, &poses) < 1e-3, "{name}");
-            assert!(added_speed(&out, &poses) < 4.0, "{name}: {} m/s", added_speed(&out, &poses));
+            assert!(added_speed(&out, &poses) < 5.5, "{name}: {} m/s", added_speed(&out, &poses));
             // The path bends early, but no body that is far off leaps.
-            assert!(name.contains("wall") || distance(out[5][0], poses[5][0]) < 0.05, "{name}");
+            assert!(name.contains("wall") || distance(out[5][0], poses[5][0]) < 0.08, "{name}");
         }
+    }
+
+    /// The least clearance of points a centimetre apart on all bones.
+    fn bones_clear(body: &Solid, pose: &Pose) -> f32 {
+                let points = (1..22).flat_map(|joint| {
+            let (a, b) = (pose[usize::from(PARENTS[joint])], pose[joint]);
+            (0..=60).map(move |k| add(a, scale(subtract(b, a), k as f32 / 60.0)))
+        });
+        points.map(|point| body.clearance(point)).fold(f32::INFINITY, |a, b| if b < a { b } else { a })
+    }
+
+    /// The nearest point of a figure, found by steps as long as what there is to spare, against points a centimetre apart.
+    #[test]
+    fn the_nearest_point_of_a_figure_is_found() {
+        let pose = walk(4)[3];
+        let mut stream = crate::numerics::hash::Stream::new(5);
+        let mut next = move || stream.below(2001) as f32 / 1000.0 - 1.0;
+        for shape in [Shape::Sphere { radius: 0.1 }, Shape::Box { half: [0.1, 0.3, 0.05] }] {
+            for _ in 0..200 {
+                let body = Solid { shape, middle: [next(), 1.0 + next(), next()], margin: 0.02 };
+                let found = Led::ALL.nearest(&body, u32::MAX, &pose, [0.0; 3]);
+                let want = bones_clear(&body, &pose);
+                assert!((found.clearance - want).abs() < 0.021, "{shape:?}: {found:?} {want}");
+                let at = body.clearance(found.point);
+                assert!((at - found.clearance).abs() < 1e-6);
+            }
+        }
+    }
+
+    /// No figure gets through a wall behind which its anchor is, nor away from where it begins: what is left is said.
+    #[test]
+    fn what_cannot_be_cleared_is_said() {
+        let poses = walk(120);
+        let wall = Obstacle::new(Shape::Plane { normal: [0.0, 0.0, -1.0] }, [0.0, 0.0, poses[60][0][2]]);
+        let [x, _, z] = poses[119][0];
+        let (_, left) = followed(&poses, &[Anchor::planar_root(119, [x, z])], &[], &[wall]);
+        assert!(!left.clearance.unwrap().kept(), "{left:?}");
+        let around = Obstacle::new(Shape::Sphere { radius: 0.5 }, poses[0][0]);
+        let (_, left) = followed(&poses, &[], &[], &[around]);
+        let clearance = left.clearance.unwrap();
+        assert!(!clearance.kept() && clearance.frame < 10, "{left:?}");
     }
 
     /// The distances that obstacles say against the nearest of many points on their surfaces.
@@ -497,7 +567,7 @@ mod rows {
             Shape::Box { half: [0.2, 0.4, 0.3] },
             Shape::Plane { normal: [0.6, 0.0, 0.8] },
         ] {
-            let body = Obstacle { shape, middle, margin: 0.0 };
+            let body = Solid { shape, middle, margin: 0.0 };
             for _ in 0..400 {
                 let [a, b] = [(); 2].map(|()| add(middle, [next(), next(), next()]));
                 let (da, db) = (body.distance(a), body.distance(b));

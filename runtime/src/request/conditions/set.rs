@@ -6,6 +6,7 @@ use core::mem::swap;
 
 use super::anchors::{Anchor, FARTHEST, Family, MAX_ANCHORS, Target};
 use super::authoring::AnchorList;
+use super::track::Track;
 use crate::JOINTS;
 
 /// Why a list of anchors was refused. `index` counts in the caller's list.
@@ -216,6 +217,37 @@ impl AnchorSet {
             index += 1;
         }
         anchors.check_length()
+    }
+
+    /// Adds places of tracks, spread evenly over their frames, as many as there is room for: what a planner that sees anchors can know of
+    /// them. Positions of which only some axes count are left out, but for a pelvis' place over the floor.
+    pub(crate) fn suggest(&mut self, tracks: &[Track<'_>]) {
+        for (number, track) in tracks.iter().enumerate() {
+            let family = match (track.joint, track.axes) {
+                (0, [true, true, true]) => Family::Root3d,
+                (0, [true, false, true]) => Family::PlanarRoot,
+                (_, [true, true, true]) => Family::BodyPoint,
+                _ => continue,
+            };
+            let share = (MAX_ANCHORS - self.len) / (tracks.len() - number).max(1);
+            let count = track.count();
+            let wanted = if share < count { share } else { count };
+            let (mut passed, mut taken) = (0, 0);
+            for frame in track.frames() {
+                let Some(target) = track.at(frame) else { continue };
+                passed += 1;
+                // The last of every `count / wanted` of them, and so the last of all.
+                if passed * wanted >= (taken + 1) * count {
+                    taken += 1;
+                    let [x, y, z] = target;
+                    let target = if family == Family::PlanarRoot { [x, 0.0, z] } else { [x, y, z] };
+                    let new = Observed { target, frame: frame as u16, index: u16::MAX, joint: track.joint, family };
+                    if self.len < MAX_ANCHORS && !self.items.iter().take(self.len).any(|old| old.same_place(&new)) {
+                        self.insert(new);
+                    }
+                }
+            }
+        }
     }
 
     /// Has all places `factor` times as far from the origin.

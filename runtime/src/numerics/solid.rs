@@ -1,4 +1,4 @@
-//! Bodies in the room that joints keep clear of.
+//! Solid bodies: how far points are from them, and the way out.
 
 use crate::kernels;
 use crate::numerics::vector::{Vector, add, dot, length, scale, subtract, unit};
@@ -10,8 +10,9 @@ const STEPS: usize = 24;
 /// It is out when no more than this is missing, metres.
 const OUT: f32 = 0.0005;
 
-/// The form of an obstacle, around its middle.
+/// The form of a body, around its middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Shape {
     /// All points no farther from the middle than `radius`, metres.
     Sphere {
@@ -44,18 +45,18 @@ pub enum Shape {
     },
 }
 
-/// An obstacle at a moment.
+/// A body at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Obstacle {
+pub struct Solid {
     /// Its form.
     pub shape: Shape,
     /// Its middle, metres.
     pub middle: Vector,
-    /// Joints keep so far away from it, metres.
+    /// Others keep so far away from its surface, metres.
     pub margin: f32,
 }
 
-impl Obstacle {
+impl Solid {
     /// How far a point is from the surface, metres; negative inside. Never changes by more than the point moves.
     pub fn distance(&self, point: Vector) -> f32 {
         let [x, y, z] = subtract(point, self.middle);
@@ -104,7 +105,7 @@ impl Obstacle {
         None
     }
 
-    /// What takes a point out of the obstacle and its margin, metres: along `side`, or straight away where that leads nowhere.
+    /// What takes a point out of the body and its margin, metres: along `side`, or straight away where that leads nowhere.
     pub fn push(&self, point: Vector, side: Vector) -> Vector {
         if self.clearance(point) >= -OUT {
             return [0.0; 3];
