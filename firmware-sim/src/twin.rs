@@ -5,16 +5,20 @@
 //!
 //! A request plans tokens from a prompt (or takes them at random or from a recorded motion), decodes them, reads joint
 //! positions from the result, moves them by a seeded offset, and asks for a motion that passes through them. Every way to
-//! sample, all families of anchors, both solvers and their ablations, lengths from one token to the model's limit take part.
+//! sample, all families of anchors, tracks and obstacles, both solvers and their ablations, lengths from one token to the model's limit take
+//! part.
 
 use motionette::blob::Aligned;
 use motionette::generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
 use motionette::numerics::hash::{Fnv, Stream};
 use motionette::refining::{Activity, Basis, Config};
-use motionette::{Anchor, Bones, Error, Generator, JOINTS, Model, Motion, PlanningError, Request};
+use motionette::{
+    Anchor, Bones, Course, Error, Generator, JOINTS, Joint, Keyframe, Model, Motion, Obstacle, PlanningError, Request,
+    Track,
+};
 
 /// Requests of the model.
-pub const REQUESTS: usize = 24;
+pub const REQUESTS: usize = 27;
 /// Requests of small models with random weights: planners that the model is not one of, and weights of 16 bits.
 pub const SMALL_REQUESTS: usize = 3 * SMALL.len();
 /// Requests of a run.
@@ -44,6 +48,12 @@ struct Shape {
     anchors: Anchors,
     refinement: Config,
 }
+
+/// Frames of a track.
+const TRACKED: usize = 24;
+
+/// What is asked for beside anchors by the requests behind [`ROWS_FROM`].
+const ROWS_FROM: usize = 24;
 
 /// How many anchors, and on what.
 #[derive(Debug, Clone, Copy)]
@@ -125,6 +135,9 @@ fn shape(index: usize) -> Shape {
         19 => (Text("stands and waves with both hands", plain), 36, Joint(6), fast(3)),
         20 => (Text("runs like a child", greedy), 44, PlanarRoot(4), fast(3)),
         21 => (Text("a proud figure walks", plain), 48, Mixed(7), fast(2).exactly()),
+        24 => (Text("a person walks forward", plain), 12, PlanarRoot(2), Config::exact()),
+        25 => (Text("a person walks and waves", plain), 14, Joint(2), Config::exact()),
+        26 => (Recorded, 10, None, fast(1).exactly()),
         22 => (Text("throws kicks", Plan { steps: 5, ..guided }), 5, Mixed(2), fast(20)),
         _ => {
             (Text("a tired person waves the right hand", Plan { steps: 5, ..guided }), 49, Standard, Config::default())
@@ -206,9 +219,54 @@ pub fn run(generator: &mut Generator<'_>, index: usize, recorded: &[&[u16]]) -> 
     let count = place_anchors(motion.frames(), &mut random, shape.anchors, &mut anchors);
     let anchors = anchors.get(..count).unwrap_or(&[]);
 
+    if index >= ROWS_FROM {
+        let paths = paths(motion.frames());
+        return with_rows(generator, request.anchors(anchors).refined(shape.refinement), &paths, index - ROWS_FROM)
+            .map(|motion| digest(&motion, tokens.len(), anchors.len()));
+    }
     let request = if anchors.is_empty() { request } else { request.through(anchors).refined(shape.refinement) };
     let motion = generator.generate(&request, &mut ())?;
     Ok(digest(&motion, tokens.len(), anchors.len()))
+}
+
+/// Where pelvis and left wrist are for [`TRACKED`] frames from the fifth on, and how they swing beside that, metres.
+fn paths(frames: &[[[f32; 3]; JOINTS]]) -> [[[f32; 3]; TRACKED]; 2] {
+    let mut paths = [[[0.0; 3]; TRACKED]; 2];
+    for (path, joint) in paths.iter_mut().zip([0, 20]) {
+        for (step, (place, pose)) in path.iter_mut().zip(frames.iter().skip(4)).enumerate() {
+            let swing = 0.01 * (step % 9) as f32;
+            let [x, y, z] = pose.get(joint).copied().unwrap_or_default();
+            *place = [x + swing, y + 0.5 * swing, z - swing];
+        }
+    }
+    paths
+}
+
+/// A request with tracks, obstacles, or both: kind 0 to 2.
+#[inline(never)]
+fn with_rows<'g>(
+    generator: &'g mut Generator<'_>,
+    request: Request<'_>,
+    [pelvis, wrist]: &[[[f32; 3]; TRACKED]; 2],
+    kind: usize,
+) -> Result<Motion<'g>, Error> {
+    let mut mask = [1; TRACKED];
+    mask.iter_mut().step_by(3).for_each(|counts| *counts = 0);
+    let tracks = [
+        Track::new(Joint::Pelvis, 4, pelvis).axes([true, false, true]).within(0.01),
+        Track::new(Joint::LeftWrist, 4, wrist).masked(&mask),
+    ];
+    let [x, _, z] = pelvis.last().copied().unwrap_or_default();
+    let keys =
+        [Keyframe { frame: 5, position: [x - 1.0, 1.0, z] }, Keyframe { frame: 30, position: [x + 0.6, 1.0, z] }];
+    let obstacles = [
+        Obstacle::new(motionette::Shape::Cylinder { radius: 0.15, half_height: 1.0 }, [x + 0.1, 1.0, z + 0.4])
+            .margin(0.03),
+        Obstacle::new(motionette::Shape::Sphere { radius: 0.2 }, [0.0; 3]).moving(Course::Keyframes(&keys)),
+    ];
+    let request = if kind != 1 { request.tracks(&tracks) } else { request };
+    let request = if kind > 0 { request.obstacles(&obstacles) } else { request };
+    generator.generate(&request, &mut ())
 }
 
 /// Makes and runs request `index` of [`SMALL_REQUESTS`] in `arena`: a stored prompt, an anchor, each way to sample.

@@ -38,8 +38,14 @@ fn reference(bench: &Bench, name: &str) -> Vec<f64> {
 fn runtime(bench: &Bench, name: &str) -> Vec<f64> {
     let file = BlobFile::open(&bench.path(name)).expect("a good blob");
     let model = file.model().expect("a good blob");
-    let limits =
-        Limits { tokens: TOKENS.len(), anchors: 0, tracked: 0, refinement: Default::default(), planning: None, rows: ROWS };
+    let limits = Limits {
+        tokens: TOKENS.len(),
+        anchors: 0,
+        tracked: 0,
+        refinement: Default::default(),
+        planning: None,
+        rows: ROWS,
+    };
     let plan = Plan::for_request(&model, &limits).expect("the limits are legal");
     let mut arena = vec![0u8; plan.arena_bytes + 16];
     let mut generator = Generator::new(model, &mut arena).expect("default floating point");

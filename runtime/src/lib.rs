@@ -127,8 +127,8 @@ pub use numerics::hash::motion as motion_hash;
 pub use pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
 pub use pipeline::{Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Segment, Stage, StreamError};
 pub use request::conditions::{
-    ALL_JOINTS, Anchor, AnchorError, AnchorList, Anchors, AsAnchors, Course, FARTHEST, FASTEST_OBSTACLE, Family, Keyframe,
-    MAX_ANCHORS, MAX_OBSTACLES, MAX_TRACKS, Obstacle, ObstacleError, Shape, Target, Track, TrackError,
+    ALL_JOINTS, Anchor, AnchorError, AnchorList, Anchors, AsAnchors, Course, FARTHEST, FASTEST_OBSTACLE, Family,
+    Keyframe, MAX_ANCHORS, MAX_OBSTACLES, MAX_TRACKS, Obstacle, ObstacleError, Shape, Target, Track, TrackError,
 };
 pub use request::joint::{Joint, NoSuchJoint};
 pub use request::prompt::{Prompt, PromptError, PromptStats};

@@ -7,8 +7,14 @@ use motionette_tests::tiny::{Shape, Tiny};
 
 fn generate(model: &Model<'_>, request: &Request<'_>) -> (Vec<f32>, Vec<f32>) {
     let refinement = request.refinement.unwrap_or_default();
-    let limits =
-        Limits { tokens: model.max_tokens(), anchors: request.anchors.len(), tracked: 0, refinement, planning: None, rows: ROWS };
+    let limits = Limits {
+        tokens: model.max_tokens(),
+        anchors: request.anchors.len(),
+        tracked: 0,
+        refinement,
+        planning: None,
+        rows: ROWS,
+    };
     let mut arena = vec![0u8; Plan::for_request(model, &limits).expect("the limits are legal").arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).expect("default floating point");
     let motion = generator.generate(request, &mut ()).expect("request is valid");

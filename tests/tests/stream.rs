@@ -63,8 +63,14 @@ fn random_tokens(model: &Model<'_>, length: usize, random: &mut Stream) -> Vec<u
 
 /// Bits of all joints of the motion of `tokens`, decoded whole.
 fn whole(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
-    let limits =
-        Limits { tokens: model.max_tokens(), anchors: 0, tracked: 0, refinement: Default::default(), planning: None, rows: ROWS };
+    let limits = Limits {
+        tokens: model.max_tokens(),
+        anchors: 0,
+        tracked: 0,
+        refinement: Default::default(),
+        planning: None,
+        rows: ROWS,
+    };
     let mut arena = vec![0u8; Plan::for_request(model, &limits).expect("the limits are legal").arena_bytes + 16];
     let mut generator = Generator::new(model.clone(), &mut arena).expect("default floating point");
     let motion = generator.generate(&Request::tokens(tokens).unrefined(), &mut ()).expect("request is valid");
@@ -300,7 +306,8 @@ fn stopped_at_any_observer_call_the_motion_goes_on_there_and_the_generator_is_us
     let tokens = random_tokens(&model, 7, &mut random);
     let want = whole(&model, &tokens);
     let limits = StreamLimits { tokens: 7, planning: None, rows: ROWS };
-    let request = Limits { tokens: 7, anchors: 0, tracked: 0, refinement: Default::default(), planning: None, rows: ROWS };
+    let request =
+        Limits { tokens: 7, anchors: 0, tracked: 0, refinement: Default::default(), planning: None, rows: ROWS };
     let bytes = StreamPlan::new(&model, &limits)
         .expect("the limits are legal")
         .arena_bytes

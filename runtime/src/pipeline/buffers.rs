@@ -5,6 +5,7 @@ use crate::memory::{Arena, ArenaTooSmall};
 use crate::model::Model;
 use crate::pipeline::plan::Limits;
 use crate::refining;
+#[cfg(feature = "tracks")]
 use crate::refining::motion_space::dense::DenseScratch;
 use crate::refining::motion_space::{Exact, Scratch};
 use crate::representation::humanml3d::{POSITION_CHANNELS, Path, ROOT_CHANNELS};
@@ -77,6 +78,7 @@ pub(crate) enum EditScratch<'a> {
     /// Onto anchors alone.
     Sparse(Scratch<'a>),
     /// Onto rows at any number of frames.
+    #[cfg(feature = "tracks")]
     Dense(DenseScratch<'a>),
 }
 
@@ -88,12 +90,11 @@ pub(crate) fn edit<'a>(
 ) -> Result<Option<(Exact, EditScratch<'a>)>, ArenaTooSmall> {
     let Some(exact) = limits.edits() else { return Ok(None) };
     let frames = limits.tokens * model.frames_per_token();
-    let scratch = if cfg!(feature = "tracks") && limits.tracked > 0 {
-        EditScratch::Dense(DenseScratch::take(frames, limits.tracked, arena)?)
-    } else {
-        EditScratch::Sparse(Scratch::take(frames, limits.anchors, arena)?)
-    };
-    Ok(Some((exact, scratch)))
+    #[cfg(feature = "tracks")]
+    if limits.tracked > 0 {
+        return Ok(Some((exact, EditScratch::Dense(DenseScratch::take(frames, limits.tracked, arena)?))));
+    }
+    Ok(Some((exact, EditScratch::Sparse(Scratch::take(frames, limits.anchors, arena)?))))
 }
 
 /// What the solver works in, behind [`Decoding`]; nothing without anchors.

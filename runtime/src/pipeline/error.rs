@@ -199,7 +199,9 @@ impl core::fmt::Display for StreamError {
                 write!(f, "{found} tokens do not fit the stream's queue, which has room for {room}: take frames first")
             }
             StreamError::Finished => write!(f, "the stream's motion has been finished"),
-            StreamError::NotInParts => write!(f, "a stream takes text and tokens, neither embeddings nor anchors, tracks and obstacles"),
+            StreamError::NotInParts => {
+                write!(f, "a stream takes text and tokens, neither embeddings nor anchors, tracks and obstacles")
+            }
         }
     }
 }

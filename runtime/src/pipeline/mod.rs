@@ -33,7 +33,7 @@ use crate::refining::terms::anchors::Distances;
 use crate::refining::{self, Config, Objective, Report, SolverError, Strain};
 use crate::representation::humanml3d::channels;
 use crate::representation::{Features, Recover};
-use crate::request::conditions::{AnchorSet, TrackError, obstacle, track};
+use crate::request::conditions::{AnchorSet, Track, TrackError, obstacle, track};
 use crate::request::prompt::PromptStats;
 use crate::request::{Bones, Request, Source};
 use crate::text::meaning::Understood;
@@ -302,13 +302,15 @@ impl<'a> Generator<'a> {
         let quantizers = model.codebooks().quantizers();
         let tokens = buffers::tokens(model, &limits, &mut arena).map_err(too_small)?;
         let mut peak = 0;
-        let mut unconditioned = if request.tracks.is_empty() { anchors.len() as u16 } else { limits.anchors as u16 };
+        let mut unconditioned = if linked(request.tracks).is_empty() { anchors.len() } else { limits.anchors } as u16;
         let heard = PromptStats::default();
         let mut made = Planned { tokens: limits.tokens, heard, then: Then::default(), parted: false };
         if let (Source::Text(prompt), Some(planning), Some(modules)) =
             (request.source, &limits.planning, model.planning())
         {
-            let shortest = anchors.last_frame().map_or(1, |f| usize::from(f) / model.frames_per_token().max(1) + 1);
+            let ends = linked(request.tracks).iter().filter_map(Track::last);
+            let last = ends.chain(anchors.last_frame().map(usize::from)).max();
+            let shortest = last.map_or(1, |frame| frame / model.frames_per_token().max(1) + 1);
             let mut overlay = arena.overlay();
             let task = PlanningTask {
                 limits: planning,
@@ -335,7 +337,7 @@ impl<'a> Generator<'a> {
             }
             log::debug!("planned {} tokens", made.tokens);
         }
-        if limits.tracked > 0 {
+        if cfg!(feature = "tracks") && limits.tracked > 0 {
             // Without the places of the tracks that were suggested to the planner.
             anchors.fill(request.anchors, model.frame_rate(), limits.tokens * model.frames_per_token())?;
             anchors.scale(1.0 / scale);
@@ -459,6 +461,11 @@ impl<'a> Generator<'a> {
     }
 }
 
+/// The tracks of a firmware that knows any: what takes them is left out with the feature.
+const fn linked<'r>(tracks: &'r [Track<'r>]) -> &'r [Track<'r>] {
+    if cfg!(feature = "tracks") { tracks } else { &[] }
+}
+
 /// How far joints, `[T][22][3]` metres, are from their anchors.
 #[inline(never)]
 fn control_error(anchors: &AnchorSet, joints: &[f32]) -> refining::ControlError {
@@ -485,13 +492,12 @@ fn edit(
     *peak = if *peak > used { *peak } else { used };
     let (points, _) = joints.as_chunks_mut::<3>();
     let (poses, _) = points.as_chunks_mut::<JOINTS>();
-    let frame_rate = model.frame_rate();
+    let Request { tracks, obstacles, .. } = *request;
+    let rows = Rows { anchors, tracks, obstacles, frame_rate: model.frame_rate() };
     Ok(Some(match &mut scratch {
-        EditScratch::Sparse(scratch) => motion_space::solve(poses, anchors, &exact, frame_rate, scratch),
-        EditScratch::Dense(scratch) => {
-            let rows = Rows { anchors, tracks: request.tracks, obstacles: request.obstacles, frame_rate };
-            motion_space::dense::follow(poses, &rows, &exact, scratch)
-        }
+        EditScratch::Sparse(scratch) => motion_space::solve(poses, anchors, &exact, rows.frame_rate, scratch),
+        #[cfg(feature = "tracks")]
+        EditScratch::Dense(scratch) => motion_space::dense::follow(poses, &rows, &exact, scratch),
     }))
 }
 

@@ -306,7 +306,9 @@ impl MotionStream<'_, '_> {
             return Err(StreamError::Finished);
         }
         let prompt = match request.source {
-            _ if !request.anchors.is_empty() => return Err(StreamError::NotInParts),
+            _ if !request.anchors.is_empty() || !request.tracks.is_empty() || !request.obstacles.is_empty() => {
+                return Err(StreamError::NotInParts);
+            }
             Source::Embeddings(_) => return Err(StreamError::NotInParts),
             Source::Tokens(tokens) => {
                 self.push(tokens)?;

@@ -1,12 +1,13 @@
-//! Hostile requests on a good model: lengths, tokens, anchors, solver settings, arenas that are too small, observers that
+//! Hostile requests on a good model: lengths, tokens, anchors, tracks, obstacles, solver settings, arenas that are too small, observers that
 //! stop the work anywhere.
 
 use motionette::codec::codebook::Codebooks;
 use motionette::numerics::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
 use motionette::{
-    Anchor, AnchorList, Bones, Error, Fixed, Generator, JOINTS, Length, Limits, Model, Observer, Plan, Planning,
-    Progress, Prompt, ROWS, Request, Sampling, Schedule, Source, Stop, Target,
+    ALL_JOINTS, Anchor, AnchorList, Bones, Course, Error, Fixed, Generator, JOINTS, Keyframe, Length, Limits, Model,
+    Observer, Obstacle, Plan, Planning, Progress, Prompt, ROWS, Request, Sampling, Schedule, Shape, Source, Stop,
+    Target, Track,
 };
 use std::ops::ControlFlow;
 
@@ -34,7 +35,8 @@ impl Observer for Stopper {
 
 /// Arena bytes of the least request there is.
 pub(super) fn least(model: &Model<'_>) -> usize {
-    let limits = Limits { tokens: 1, anchors: 0, tracked: 0, refinement: Config::default(), planning: None, rows: ROWS };
+    let limits =
+        Limits { tokens: 1, anchors: 0, tracked: 0, refinement: Config::default(), planning: None, rows: ROWS };
     Plan::for_request(model, &limits).expect("the limits are legal").arena_bytes
 }
 
@@ -90,7 +92,18 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
         1 | 2 => Bones::Given(&skeleton),
         _ => Bones::Model,
     };
-    let request = Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning, bones };
+    let paths: Vec<Vec<[f32; 3]>> = (0..rows(random)).map(|_| path(random, frames)).collect();
+    let masks: Vec<Vec<u8>> = paths.iter().map(|path| mask(random, path.len())).collect();
+    let tracks: Vec<Track<'_>> = paths.iter().zip(&masks).map(|(path, mask)| track(random, path, mask)).collect();
+    let keyframes: Vec<Keyframe> = (0..random.below(4)).map(|i| keyframe(random, i)).collect();
+    let obstacles: Vec<Obstacle<'_>> = (0..rows(random)).map(|_| obstacle(random, &keyframes)).collect();
+    // Tracks and obstacles are met by the edit behind the decoder alone.
+    let refinement = match refinement {
+        Some(config) if !(tracks.is_empty() && obstacles.is_empty()) && random.below(8) > 0 => Some(config.exactly()),
+        other => other,
+    };
+    let anchors = AnchorList::Frames(&anchors);
+    let request = Request { source, anchors, tracks: &tracks, obstacles: &obstacles, refinement, planning, bones };
 
     // Anything from the least request's need on, exactly what this one needs, a byte less, or plenty from an odd address.
     let rows = random.below(30) as usize;
@@ -245,6 +258,74 @@ fn anchor_count(random: &mut Stream) -> u32 {
         1 => random.below(80),
         _ => 1 + random.below(5),
     }
+}
+
+/// Tracks or obstacles of a request: mostly none.
+fn rows(random: &mut Stream) -> u32 {
+    match random.below(32) {
+        0 => random.below(40),
+        1..10 => 1 + random.below(3),
+        _ => 0,
+    }
+}
+
+fn coordinate(random: &mut Stream) -> f32 {
+    match random.below(2000) {
+        0 => NUMBERS[random.below(NUMBERS.len() as u32) as usize],
+        _ => 3.0 * random.unit() - 1.5,
+    }
+}
+
+fn path(random: &mut Stream, frames: usize) -> Vec<[f32; 3]> {
+    let count = match random.below(20) {
+        0 => random.below(300),
+        _ => random.below(frames as u32 + 1),
+    };
+    (0..count).map(|_| [(); 3].map(|()| coordinate(random))).collect()
+}
+
+fn mask(random: &mut Stream, positions: usize) -> Vec<u8> {
+    let count = if random.below(40) == 0 { random.below(9) as usize } else { positions };
+    (0..count).map(|_| random.below(3) as u8).collect()
+}
+
+fn track<'r>(random: &mut Stream, positions: &'r [[f32; 3]], mask: &'r [u8]) -> Track<'r> {
+    let joints = if random.below(100) == 0 { 256 } else { 22 };
+    let first = if random.below(60) == 0 { random.next_u32() as u16 } else { 0 };
+    Track {
+        joint: random.below(joints) as u8,
+        first: if random.below(3) == 0 { random.below(3) as u16 } else { first },
+        axes: [(); 3].map(|()| random.below(8) > 0),
+        mask: Some(mask).filter(|_| random.below(2) == 0),
+        positions,
+        tolerance: if random.below(3) == 0 { coordinate(random) } else { 0.0 },
+    }
+}
+
+fn keyframe(random: &mut Stream, number: u32) -> Keyframe {
+    let frame = if random.below(30) == 0 { random.next_u32() as u16 } else { (7 * number) as u16 };
+    Keyframe { frame, position: [(); 3].map(|()| 0.3 * coordinate(random)) }
+}
+
+fn obstacle<'r>(random: &mut Stream, keyframes: &'r [Keyframe]) -> Obstacle<'r> {
+    let mut size = || if random.below(60) == 0 { coordinate(random) } else { 0.05 + 0.5 * random.unit() };
+    let [a, b, c] = [size(), size(), size()];
+    let shape = match random.below(5) {
+        0 => Shape::Sphere { radius: a },
+        1 => Shape::Capsule { half: [a, b, c], radius: 0.3 * a },
+        2 => Shape::Cylinder { radius: a, half_height: b },
+        3 => Shape::Box { half: [a, b, c] },
+        _ => Shape::Plane { normal: [a - 0.3, b - 0.3, c - 0.3] },
+    };
+    let place = [(); 3].map(|()| coordinate(random));
+    let course = match random.below(4) {
+        0 => Course::Moving { from: place, velocity: [(); 3].map(|()| coordinate(random)) },
+        1 => Course::Keyframes(keyframes),
+        _ => Course::Still(place),
+    };
+    let joints = if random.below(4) == 0 { random.next_u32() } else { ALL_JOINTS };
+    let margin = if random.below(30) == 0 { coordinate(random) } else { 0.05 };
+    Obstacle { shape, course, margin, joints }
 }
 
 pub(super) fn anchor(random: &mut Stream, frames: usize) -> Anchor {

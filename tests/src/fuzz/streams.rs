@@ -126,6 +126,8 @@ fn operation(
             let planning = requests::planning(random, &fixed);
             let request = Request {
                 source,
+                tracks: &[],
+                obstacles: &[],
                 anchors: AnchorList::Frames(anchors),
                 refinement: None,
                 planning,

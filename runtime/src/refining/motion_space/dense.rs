@@ -7,29 +7,30 @@
 //! frames count as well, so that nothing passes through between two.
 
 use super::edit::{Edit, HEIGHT};
+use super::heading::turn;
 use super::parts::Part;
 use super::rows::{Led, Movers, Nearest, Rows, Wanted};
 use super::smoother::{Process, Seen, Smoother};
 use super::strain::Tally;
-use super::{Edited, Exact, LEAST_STEP, Strain};
+use super::{Edited, Exact, LEAST_STEP, Strain, place};
 use crate::JOINTS;
 use crate::memory::{Arena, ArenaTooSmall};
 use crate::numerics::solid::Solid;
 use crate::numerics::vector::{Vector, add, dot, length, scale, subtract, unit};
 use crate::refining::terms::anchors::Distances;
 use crate::representation::Pose;
-use crate::request::conditions::AnchorSet;
+use crate::request::conditions::{AnchorSet, Obstacle};
 use heapless::Vec;
 
 /// Repetitions at most.
-const ROUNDS: u16 = 8;
+const ROUNDS: u16 = 12;
 /// And more of them, while an obstacle is not cleared.
 const MORE_ROUNDS: u16 = 16;
 /// And at least: soft rows are never met.
 const LEAST_ROUNDS: u16 = 2;
 /// Rows are met when nothing is farther off than this, metres.
 const MET: f32 = 0.0005;
-/// No row asks for more at a time, metres.
+/// No row asks a part for more at a time, metres.
 const MOST: f32 = 0.5;
 /// What the root's path varies by over many frames, square metres a frame.
 const PATH_GROWTH: f32 = 0.01;
@@ -39,8 +40,12 @@ const LENGTH: f32 = 6.0;
 const PASSES: usize = 16;
 /// Whoever is in the way again after no more frames than this goes past on the same side.
 const ONE_PASS: usize = 20;
-/// A joint that goes farther through an obstacle than this passes it, metres.
-const PASSED: f32 = 0.1;
+/// Its way past an obstacle begins and ends so many frames before and behind what is inside.
+const PAST: usize = 5;
+/// A figure whose way past is longer than this passes, metres.
+const PASSED: f32 = 0.25;
+/// A way into another obstacle counts so many times more.
+const BLOCKED: f32 = 4.0;
 /// A way up or down counts so many times more: bodies stand on the floor, and arms hang down straight.
 const LESS_UPRIGHT: f32 = 3.0;
 /// From one repetition to the next a part goes so much less of its own way, and the root so much more.
@@ -152,9 +157,7 @@ pub fn follow(poses: &mut [Pose], rows: &Rows<'_>, settings: &Exact, scratch: &m
     let passes = &passes(poses, rows, movers);
     let before = View { poses, rows, movers, edit, passes, step };
     let distances = |view: &View<'_, '_>| Distances::of(rows.anchors, &|joint, frame| view.joint(joint, frame));
-    let anchors = |view: &View<'_, '_>| {
-        (!rows.anchors.is_empty()).then(|| distances(view).control_error(rows.anchors))
-    };
+    let anchors = |view: &View<'_, '_>| (!rows.anchors.is_empty()).then(|| distances(view).control_error(rows.anchors));
     let first = anchors(&before);
     let generated = before.left();
     let mut left = generated;
@@ -204,6 +207,10 @@ pub fn follow(poses: &mut [Pose], rows: &Rows<'_>, settings: &Exact, scratch: &m
             }
             if who.is_none() {
                 edit.build(poses, &AnchorSet::EMPTY);
+                if rounds == 0 {
+                    turn(poses, edit.tracks.ways(None));
+                    edit.build(poses, &AnchorSet::EMPTY);
+                }
             }
         }
         left = View { poses, rows, movers, edit, passes, step }.left();
@@ -259,7 +266,21 @@ fn passes(poses: &[Pose], rows: &Rows<'_>, movers: &Movers) -> Vec<Pass, PASSES>
         };
         let mut pass: Option<(usize, usize)> = None;
         let mut end = |(first, last): (usize, usize)| {
-            let side = side(movers, &inside, (first, last));
+            // The pelvis' way past, seen from the obstacle, which may move.
+            let seen = |t: usize| subtract(place(poses.get(t), 0), obstacle.at(2 * t, rows.frame_rate).middle);
+            let [from, to] =
+                [first.saturating_sub(PAST), if last + PAST < poses.len() { last + PAST } else { poses.len() - 1 }];
+            // By how much the figure, moved at a frame, is inside the others.
+            let others = |t: usize, by: Vector| {
+                let Some(pose) = poses.get(t) else { return 0.0 };
+                let all = rows.obstacles().iter().enumerate().filter(|(other, _)| *other != number);
+                let clearance = |other: &Obstacle<'_>| {
+                    Led::ALL.nearest(&other.at(2 * t, rows.frame_rate), other.joints, pose, by).clearance
+                };
+                let missing = all.map(|(_, other)| -clearance(other));
+                missing.fold(0.0, |sum: f32, missing| if missing > 0.0 { sum + missing } else { sum })
+            };
+            let side = side(movers, &inside, &others, subtract(seen(to), seen(from)), (first, last));
             // One more than there is room for is passed as that obstacle's nearest pass, or straight away from it.
             let _ = passes.push(Pass { obstacle: number, first, last, side });
         };
@@ -282,20 +303,21 @@ fn passes(poses: &[Pose], rows: &Rows<'_>, movers: &Movers) -> Vec<Pass, PASSES>
 
 /// To which side what is inside an obstacle between two frames leaves it: the one in which what has the longest way out has
 /// the shortest: across the way on which it is passed, over or below it, or straight away from where one is deepest.
-fn side(movers: &Movers, inside: Inside<'_>, (first, last): (usize, usize)) -> Vector {
-    // Of each limb where it is deepest, and its way through, seen from the obstacle, which may move.
-    let mut deepest: Vec<(f32, Solid, Vector), JOINTS> = Vec::new();
-    let mut travel = [0.0; 3];
+fn side(
+    movers: &Movers,
+    inside: Inside<'_>,
+    others: &dyn Fn(usize, Vector) -> f32,
+    travel: Vector,
+    (first, last): (usize, usize),
+) -> Vector {
+    // Of each limb where it is deepest, and when.
+    let mut deepest: Vec<(f32, Solid, Vector, usize), JOINTS> = Vec::new();
     for (mover, _) in movers {
-        let mut own: Option<(f32, Solid, Vector)> = None;
-        let mut entered = None;
+        let mut own: Option<(f32, Solid, Vector, usize)> = None;
         for t in first..=last {
             let Some((body, nearest)) = inside(t, *mover) else { continue };
-            let seen = subtract(nearest.point, body.middle);
-            let way = subtract(seen, *entered.get_or_insert(seen));
-            travel = if t == last || dot(way, way) > dot(travel, travel) { way } else { travel };
             if own.is_none_or(|(least, ..)| nearest.clearance < least) {
-                own = Some((nearest.clearance, body, nearest.point));
+                own = Some((nearest.clearance, body, nearest.point, t));
             }
         }
         if let Some(own) = own {
@@ -306,7 +328,7 @@ fn side(movers: &Movers, inside: Inside<'_>, (first, last): (usize, usize)) -> V
     let mut least = (f32::INFINITY, [0.0; 3]);
     let [x, _, z] = travel;
     let across = unit([z, 0.0, -x], [0.0; 3]);
-    let away = deepest.first().map_or([0.0; 3], |(_, body, at)| body.away(*at));
+    let away = deepest.first().map_or([0.0; 3], |(_, body, at, _)| body.away(*at));
     for direction in [across, scale(across, -1.0), [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], away] {
         // Back along one's own way is no way past.
         let along = dot(direction, unit(travel, [0.0; 3]));
@@ -316,10 +338,14 @@ fn side(movers: &Movers, inside: Inside<'_>, (first, last): (usize, usize)) -> V
         let [_, up, _] = direction;
         let worth = 1.0 + LESS_UPRIGHT * libm::fabsf(up);
         let mut longest = 0.0;
-        for (_, body, at) in &deepest {
-            let way = worth * body.way_out(*at, direction).unwrap_or(f32::INFINITY);
-            longest = if way > longest { way } else { longest };
+        let mut when = first;
+        for (_, body, at, t) in &deepest {
+            let way = body.way_out(*at, direction).unwrap_or(f32::INFINITY);
+            (longest, when) = if way > longest { (way, *t) } else { (longest, when) };
         }
+        // What other obstacles take back of it.
+        let blocked = if longest < f32::INFINITY { others(when, scale(direction, longest)) } else { 0.0 };
+        let longest = worth * longest + BLOCKED * blocked;
         if longest < least.0 {
             least = (longest, direction);
         }
@@ -399,7 +425,7 @@ impl View<'_, '_> {
     /// Fills in what the root lacks, or one of the movers, at every frame, and how many positions of tracks speed does not allow.
     #[inline(never)]
     fn fill(&self, who: Option<usize>, soft: f32, lacks: &mut [[Vector; 2]]) -> u16 {
-        let mut paces: Vec<Pace, JOINTS> = self.movers.iter().map(|_| Pace { last: (0, [0.0; 3]) }).collect();
+        let mut paces = [Pace { last: (0, [0.0; 3]) }; JOINTS];
         let looks = !self.rows.obstacles().is_empty();
         let mut here = self.pose(0, who);
         let mut before = here;
@@ -415,7 +441,8 @@ impl View<'_, '_> {
                 let (lack, late) = self.lack(*mover, frame, window, way, pace);
                 hurried += u16::from(late);
                 if who.is_some() {
-                    shared = lack;
+                    let far = length(lack.way);
+                    shared = if far > MOST { Lack { way: scale(lack.way, MOST / far), ..lack } } else { lack };
                     continue;
                 }
                 // The root takes the mean of all, each by how surely it asks that of the root: the more the less its part goes itself, of
@@ -457,10 +484,10 @@ impl View<'_, '_> {
         let [_, here, _] = window;
         let mut lack = Lack::NONE;
         let mut hurried = false;
-        if let Some(Wanted { place, noise }) = self.rows.wanted(joint, frame) {
+        if let Some(Wanted { place: wanted, noise }) = self.rows.wanted(joint, frame) {
             let at = here.get(usize::from(joint)).copied().unwrap_or_default();
-            let was = super::place(self.poses.get(frame), joint);
-            let mut need = subtract(place, was);
+            let was = place(self.poses.get(frame), joint);
+            let mut need = subtract(wanted, was);
             for (need, noise) in need.iter_mut().zip(noise) {
                 *need = if noise < f32::INFINITY { *need } else { 0.0 };
             }
@@ -470,19 +497,16 @@ impl View<'_, '_> {
             }
             (need, hurried) = pace.limited(frame, need, self.step);
             let off = subtract(add(was, need), at);
-            for ((way, loose), (noise, off)) in lack.way.iter_mut().zip(&mut lack.noise).zip(noise.into_iter().zip(off)) {
+            for ((way, loose), (noise, off)) in lack.way.iter_mut().zip(&mut lack.noise).zip(noise.into_iter().zip(off))
+            {
                 if noise < f32::INFINITY {
                     (*way, *loose) = (off, noise);
                 }
             }
         }
         let led = Led::by(joint, self.movers);
-        if !led.is_empty() {
+        if !led.is_empty() && !matches!(part, Part::Neck(_)) {
             self.clear(led, frame, window, way, &mut lack);
-        }
-        let far = length(lack.way);
-        if far > MOST {
-            lack.way = scale(lack.way, MOST / far);
         }
         (lack, hurried)
     }

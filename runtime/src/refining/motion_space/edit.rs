@@ -63,6 +63,8 @@ impl Point {
 
 /// Whether there may be tracks.
 const TRACKED: bool = cfg!(feature = "tracks");
+/// Most joints with rows.
+const MOST: usize = if TRACKED { JOINTS } else { 0 };
 /// A mark of a frame with an anchor, outside of stances.
 const ANCHORED: u8 = 1;
 /// A stance is not held more loosely than this, of [`HELD`].
@@ -80,7 +82,7 @@ struct Offsets<'a> {
 #[derive(Debug)]
 pub struct Tracks<'a> {
     /// The parts.
-    parts: [Part; JOINTS],
+    parts: [Part; MOST],
     count: usize,
     /// Of the root, then of each part, `[1 + count][T]`; empty without tracks.
     ways: &'a mut [Vector],
@@ -89,9 +91,9 @@ pub struct Tracks<'a> {
 
 impl<'a> Tracks<'a> {
     fn take(frames: usize, count: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
-        let count = if count < JOINTS { count } else { JOINTS };
+        let count = if count < MOST { count } else { MOST };
         let ways = arena.take(if count > 0 { (1 + count) * frames } else { 0 })?;
-        Ok(Tracks { parts: [Part::Body; JOINTS], count, ways, frames })
+        Ok(Tracks { parts: [Part::Body; MOST], count, ways, frames })
     }
 
     /// Whose ways they are.

@@ -11,6 +11,7 @@
 //! - `smoother`: the same for dense tracks, in time that grows with the frames alone.
 //! - `rows`: what tracks, obstacles and the anchors beside them ask of each joint.
 //! - `dense`: meets these rows; a request without tracks and obstacles does without it.
+//! - `heading`: bodies that rows lead elsewhere turn to where they go.
 //! - `stances`: when feet stand, and how offsets go from one stance to the next.
 //! - `parts`: which part of the body moves for which anchor.
 //! - `strain`: how far the edit takes a motion from what was generated.
@@ -24,6 +25,7 @@ mod cholesky;
 mod covariance;
 pub mod dense;
 mod edit;
+mod heading;
 mod parts;
 pub mod rows;
 pub mod smoother;
@@ -39,9 +41,9 @@ use crate::refining::terms::anchors::Distances;
 use crate::representation::Pose;
 use crate::request::conditions::{AnchorSet, MAX_ANCHORS};
 use cholesky::{Cholesky, triangle};
+pub use dense::{Clearance, Followed, TrackingError};
 use edit::{Edit, HEIGHT, Point, TAIL};
 use parts::{Part, Side};
-pub use dense::{Clearance, Followed, TrackingError};
 pub use strain::Strain;
 use strain::Tally;
 
@@ -123,6 +125,8 @@ impl<'a> Scratch<'a> {
     ///
     /// # Errors
     /// [`ArenaTooSmall`].
+    // One of it for measuring and taking.
+    #[inline(never)]
     pub fn take(frames: usize, anchors: usize, arena: &mut Arena<'a>) -> Result<Self, ArenaTooSmall> {
         let edit = Edit::take(frames, anchors, 0, arena)?;
         Ok(Scratch { edit, system: arena.take(triangle(anchors + TAIL))? })

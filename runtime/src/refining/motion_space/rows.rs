@@ -2,10 +2,10 @@
 
 use super::parts::Part;
 use crate::JOINTS;
+use crate::numerics::solid::Solid;
 use crate::numerics::vector::{Vector, add, length, scale, subtract};
 use crate::representation::Pose;
 use crate::representation::skeleton::PARENTS;
-use crate::numerics::solid::Solid;
 use crate::request::conditions::{AnchorSet, Family, Observed, Obstacle, Track};
 use heapless::Vec;
 
@@ -80,7 +80,8 @@ impl Rows<'_> {
         self.tracks.is_empty() && self.obstacles.is_empty()
     }
 
-    /// The joints that rows are about, bit j for joint j, with those that lead limbs out of obstacles; none without tracks and obstacles.
+    /// The joints that rows are about, bit j for joint j, with those that lead limbs out of obstacles; none without tracks and obstacles. One
+    /// bit more ([`NECK`]) where the neck takes what is left of the head.
     pub fn joints(&self) -> u32 {
         if self.is_empty() {
             return 0;
@@ -94,7 +95,7 @@ impl Rows<'_> {
                 }
             }
         }
-        joints
+        if joints & TRUNK == 1 << HEAD { joints | NECK } else { joints }
     }
 
     /// The same, each with what moves for it, those nearer to the pelvis first.
@@ -102,8 +103,19 @@ impl Rows<'_> {
         let joints = self.joints();
         let all = (0..JOINTS as u8).filter(|joint| joints >> joint & 1 == 1);
         let place = |joint| Observed { target: [0.0; 3], frame: 0, index: 0, joint, family: Family::BodyPoint };
-        let list: Vec<Observed, JOINTS> = all.map(place).collect();
-        list.iter().map(|joint| (joint.joint, Part::of(joint, list.iter()))).collect()
+        // There is room for every joint.
+        let mut list: Vec<Observed, JOINTS> = Vec::new();
+        for joint in all {
+            let _ = list.push(place(joint));
+        }
+        let mut movers = Movers::new();
+        for joint in &list {
+            let _ = movers.push((joint.joint, Part::of(joint, list.iter())));
+        }
+        if joints & NECK != 0 {
+            let _ = movers.push((HEAD, Part::Neck(HEAD)));
+        }
+        movers
     }
 
     /// What is wanted of a joint at a frame; nothing where it is free.
@@ -131,6 +143,13 @@ impl Rows<'_> {
         any.then_some(wanted)
     }
 }
+
+/// The head.
+const HEAD: u8 = 15;
+/// With it all joints on which the trunk leans.
+const TRUNK: u32 = 1 << HEAD | 1 << 6 | 1 << 9 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 16 | 1 << 17;
+/// Stands for the neck, which bends where the trunk as a whole leans.
+const NECK: u32 = 1 << JOINTS;
 
 /// What of the figure keeps clear of an obstacle, and moves for one of `movers`.
 #[derive(Debug, Clone, Copy)]

@@ -463,6 +463,7 @@ mod rows {
             let speed = added_speed(&out, &poses);
             std::println!("{speed} m/s added, {left:?}");
             assert!(left.hurried > 0 && left.after.unwrap().worst > 0.1, "{left:?}");
+            // Beside the path's own way limbs swing round as the body turns.
             assert!(speed < 1.6 * Exact::DEFAULT.added_speed, "{speed} m/s");
         }
     }
@@ -515,7 +516,7 @@ mod rows {
 
     /// The least clearance of points a centimetre apart on all bones.
     fn bones_clear(body: &Solid, pose: &Pose) -> f32 {
-                let points = (1..22).flat_map(|joint| {
+        let points = (1..22).flat_map(|joint| {
             let (a, b) = (pose[usize::from(PARENTS[joint])], pose[joint]);
             (0..=60).map(move |k| add(a, scale(subtract(b, a), k as f32 / 60.0)))
         });

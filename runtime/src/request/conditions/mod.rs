@@ -14,8 +14,6 @@ pub mod track;
 
 pub use anchors::{Anchor, FAMILIES, FARTHEST, Family, MAX_ANCHORS, Target};
 pub use authoring::{AnchorList, Anchors, AsAnchors};
-pub use obstacle::{
-    ALL_JOINTS, Course, FASTEST_OBSTACLE, Keyframe, MAX_OBSTACLES, Obstacle, ObstacleError, Shape,
-};
+pub use obstacle::{ALL_JOINTS, Course, FASTEST_OBSTACLE, Keyframe, MAX_OBSTACLES, Obstacle, ObstacleError, Shape};
 pub use set::{AnchorError, AnchorSet, Observed};
 pub use track::{MAX_TRACKS, Track, TrackError};

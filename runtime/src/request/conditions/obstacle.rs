@@ -6,8 +6,8 @@ use super::anchors::FARTHEST;
 use super::set::AnchorSet;
 use super::track::Track;
 use crate::JOINTS;
-use crate::numerics::solid::Solid;
 pub use crate::numerics::solid::Shape;
+use crate::numerics::solid::Solid;
 use crate::numerics::vector::{Vector, add, length, scale, subtract};
 
 /// Most obstacles one request may have.
@@ -206,7 +206,9 @@ impl fmt::Display for ObstacleError {
             Self::Keyframes { index, keyframe } => {
                 write!(f, "obstacle {index}: keyframe {keyframe} is missing or not behind the one before it")
             }
-            Self::Joints { index } => write!(f, "obstacle {index}: joints 0 to 21 can keep clear, at least one of them"),
+            Self::Joints { index } => {
+                write!(f, "obstacle {index}: joints 0 to 21 can keep clear, at least one of them")
+            }
             Self::AnchorInside { index, anchor } => write!(f, "obstacle {index}: anchor {anchor} lies inside it"),
             Self::TrackInside { index, track, frame } => {
                 write!(f, "obstacle {index}: track {track} is inside it at frame {frame}")
@@ -242,8 +244,7 @@ pub fn check(
             }
         }
         for (number, track) in tracks.iter().enumerate().filter(|(_, track)| track.axes == [true; 3]) {
-            let hit =
-                |frame: &usize| track.at(*frame).is_some_and(|place| inside(track.joint & 31, place, *frame));
+            let hit = |frame: &usize| track.at(*frame).is_some_and(|place| inside(track.joint & 31, place, *frame));
             if let Some(frame) = track.frames().find(hit) {
                 return Err(ObstacleError::TrackInside { index, track: number, frame });
             }

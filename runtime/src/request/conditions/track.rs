@@ -84,6 +84,11 @@ impl<'r> Track<'r> {
         first..first + self.positions.len()
     }
 
+    /// The last frame of which a position counts.
+    pub(crate) fn last(&self) -> Option<usize> {
+        self.frames().rev().find(|frame| self.at(*frame).is_some())
+    }
+
     /// Whether it and `place` at a frame, of which `axes` count within `tolerance`, cannot both be met.
     fn contradicts(&self, frame: usize, place: Vector, axes: [bool; 3], tolerance: f32) -> bool {
         let Some(own) = self.at(frame) else { return false };
