@@ -41,15 +41,6 @@
 // In place of a phrase's number: no phrase.
 #define MTN_NO_PHRASE 65535
 
-// The token that adds nothing, in any layer.
-#define Codebooks_NONE UINT16_MAX
-
-// Numbers that [`Scaffold::new`] needs.
-#define Scaffold_NUMBERS (3 * MAX_ANCHORS)
-
-// Of so much people are warned.
-#define Strain_WARNING 1.0
-
 // What went wrong. The numbers of `mtn_result` that a code sets stand beside it; the others are 0.
 enum mtn_error
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -239,9 +230,6 @@ typedef enum mtn_joint mtn_joint;
 typedef uint8_t mtn_joint;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
-
-// What steers the edit.
-typedef struct Exact Exact;
 
 // An error and the numbers that explain it.
 typedef struct mtn_result {
