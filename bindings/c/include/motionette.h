@@ -29,6 +29,18 @@
 // Most anchors of a request.
 #define MTN_MAX_ANCHORS 32
 
+// Most tracks of a request.
+#define MTN_MAX_TRACKS 24
+
+// Most obstacles of a request.
+#define MTN_MAX_OBSTACLES 16
+
+// Most keyframes of a request, those of all its obstacles together.
+#define MTN_MAX_KEYFRAMES 64
+
+// All joints, as `joints` of an obstacle has them.
+#define MTN_ALL_JOINTS 4194303
+
 // Words of `mtn_generator`'s storage.
 #define MTN_GENERATOR_WORDS 640
 
@@ -40,6 +52,9 @@
 
 // In place of a phrase's number: no phrase.
 #define MTN_NO_PHRASE 65535
+
+// In place of an obstacle's number: no obstacle.
+#define MTN_NO_OBSTACLE 65535
 
 // What went wrong. The numbers of `mtn_result` that a code sets stand beside it; the others are 0.
 enum mtn_error
@@ -162,6 +177,54 @@ enum mtn_error
     MTN_ERROR_NO_SELF_TEST = 81,
     // Something that this version has no code for.
     MTN_ERROR_OTHER = 99,
+    // Too many tracks. `found`: how many; `limit`: most there may be.
+    MTN_ERROR_TOO_MANY_TRACKS = 100,
+    // `index`: the track; `found`: its axes, of which some are none of `MTN_AXIS_*`; `limit`: `MTN_AXES_ALL`.
+    MTN_ERROR_TRACK_AXES = 101,
+    // Nothing of a track counts: no positions, a mask without any, or no axis. `index`: the track.
+    MTN_ERROR_TRACK_NOTHING = 102,
+    // There is no such joint. `index`: the track; `found`: its joint; `limit`: joints there are.
+    MTN_ERROR_TRACK_JOINT = 103,
+    // A track goes on behind the end of the motion. `index`: the track; `found`: frame of its last position; `limit`: frames of the
+    // motion.
+    MTN_ERROR_TRACK_FRAME = 104,
+    // A coordinate is NaN, infinite or too large. `index`: the track; `found`: frame of the position; `limit`: largest magnitude, metres.
+    MTN_ERROR_TRACK_POSITION = 105,
+    // A tolerance that is negative, not a number or too large. `index`: the track; `limit`: the largest, metres.
+    MTN_ERROR_TRACK_TOLERANCE = 106,
+    // Two tracks want one joint in two places at one frame. `index`: the second; `found`: the first; `limit`: the frame.
+    MTN_ERROR_TRACK_CONFLICT = 107,
+    // A track and an anchor want one joint in two places at one frame. `index`: the track; `found`: the anchor; `limit`: the frame.
+    MTN_ERROR_TRACK_ANCHOR_CONFLICT = 108,
+    // Tracks and obstacles are met by the edit behind the decoder alone: set `exact`.
+    MTN_ERROR_NOT_EXACT = 109,
+    // Limits with more tracked joints than a body has. `found`: how many; `limit`: joints there are.
+    MTN_ERROR_TRACKED_JOINTS = 110,
+    // Too many obstacles. `found`: how many; `limit`: most there may be.
+    MTN_ERROR_TOO_MANY_OBSTACLES = 120,
+    // `index`: the obstacle; `found`: its shape, which is none of `MTN_SHAPE_*`.
+    MTN_ERROR_UNKNOWN_SHAPE = 121,
+    // `index`: the obstacle; `found`: its course, which is none of `MTN_COURSE_*`.
+    MTN_ERROR_UNKNOWN_COURSE = 122,
+    // A size is not above 0 or too large, or a plane has no direction. `index`: the obstacle; `limit`: the largest, metres.
+    MTN_ERROR_OBSTACLE_SIZE = 123,
+    // A margin that is negative, not a number or too large. `index`: the obstacle; `limit`: the largest, metres.
+    MTN_ERROR_OBSTACLE_MARGIN = 124,
+    // A place or velocity is NaN, infinite or too large. `index`: the obstacle; `limit`: largest magnitude, metres.
+    MTN_ERROR_OBSTACLE_PLACE = 125,
+    // It moves too fast. `index`: the obstacle; `found`: its speed, rounded up; `limit`: the largest; both metres a second.
+    MTN_ERROR_OBSTACLE_SPEED = 126,
+    // No keyframes, or one that is not behind the one before it. `index`: the obstacle; `found`: the keyframe.
+    MTN_ERROR_OBSTACLE_KEYFRAMES = 127,
+    // Too many keyframes in the obstacles together. `index`: the obstacle that has one too many; `found`: keyframes of all up to it, its
+    // own included; `limit`: most there may be.
+    MTN_ERROR_TOO_MANY_KEYFRAMES = 128,
+    // No joint keeps clear of it, or one that there is not. `index`: the obstacle.
+    MTN_ERROR_OBSTACLE_JOINTS = 129,
+    // An anchor lies inside it. `index`: the obstacle; `found`: the anchor.
+    MTN_ERROR_ANCHOR_INSIDE = 130,
+    // A track passes through it. `index`: the obstacle; `found`: the track; `limit`: the first frame at which it is inside.
+    MTN_ERROR_TRACK_INSIDE = 131,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -266,6 +329,71 @@ typedef struct mtn_anchor {
     uint8_t joint;
 } mtn_anchor;
 
+// Axes of which positions count: `MTN_AXIS_*`, added up.
+typedef uint8_t mtn_axes;
+
+// Where a joint is to be at many frames, up to all of them.
+typedef struct mtn_track {
+    // Where the joint is to be, `[count][3]`, metres, one position a frame. Those that do not count may hold any finite numbers.
+    const float (*positions)[3];
+    // Which positions count, `[count]`, not 0 for those that do; null: all.
+    const uint8_t *mask;
+    // Positions.
+    size_t count;
+    // How loosely it is followed: the standard deviation around it, 0 to 1 metres. 0: as exactly as can be.
+    float tolerance;
+    // Frame of the first position.
+    uint16_t first;
+    // Which `mtn_joint`.
+    uint8_t joint;
+    // Which axes of the positions count, `MTN_AXES_ALL` or some of `MTN_AXIS_*`; the others are free.
+    mtn_axes axes;
+} mtn_track;
+
+// Where the middle of an obstacle is at a frame.
+typedef struct mtn_keyframe {
+    // The middle `[x, y, z]`, metres.
+    float position[3];
+    // The frame.
+    uint16_t frame;
+} mtn_keyframe;
+
+// The form of an obstacle, around its middle: one of `MTN_SHAPE_*`.
+typedef uint8_t mtn_shape;
+
+// How an obstacle moves: one of `MTN_COURSE_*`.
+typedef uint8_t mtn_course;
+
+// A body that joints, and the bones between them, keep clear of. Sizes that are not of its shape, and fields that are not of its course,
+// are not looked at.
+typedef struct mtn_obstacle {
+    // Keyframes of `MTN_COURSE_KEYFRAMES`, each behind the one before it.
+    const struct mtn_keyframe *keyframes;
+    // How many there are, of all obstacles together at most `MTN_MAX_KEYFRAMES`.
+    size_t keyframe_count;
+    // The middle `[x, y, z]`, metres; of `MTN_COURSE_MOVING` at frame 0.
+    float position[3];
+    // Of `MTN_COURSE_MOVING`, metres a second, at most 20.
+    float velocity[3];
+    // Of sphere, capsule and cylinder, metres.
+    float radius;
+    // Of a cylinder: half of its height, metres.
+    float half_height;
+    // Of a capsule: from the middle to one end, metres. Of a box: half of each side, metres.
+    float half[3];
+    // Of a plane: which way is free, of any length but none.
+    float normal[3];
+    // How far the figure keeps away from its surface, 0 to 1 metres; 0.05 is a good one.
+    float margin;
+    // The joints that keep clear, `1 << joint` of each `mtn_joint` added up, each with the bone from its parent; `MTN_ALL_JOINTS` for the
+    // whole figure.
+    uint32_t joints;
+    // Its form.
+    mtn_shape shape;
+    // How it moves.
+    mtn_course course;
+} mtn_obstacle;
+
 // One motion to be made: begin with `mtn_request_default`, then set one of `text`, `stored`, `vector` and `tokens`.
 //
 // The library reads what is pointed to during `mtn_generate` only.
@@ -305,8 +433,17 @@ typedef struct mtn_request {
     // Not 0: of this edit, feet do not stay where they stand.
     uint16_t free_feet;
     // Skeleton of the body that moves, a robot's: offset of each of the `MTN_JOINTS` joints from its parent at rest, `[22][3]`, metres, y up,
-    // the left at +x, in the order of `mtn_joint`; anchors are in its world. Null: the model's own.
+    // the left at +x, in the order of `mtn_joint`; anchors, tracks and obstacles are in its world. Null: the model's own.
     const float (*bones)[MTN_JOINTS][3];
+    // Where joints are to be at many frames; may be null when there are none. The planner sees some of their places as anchors. With
+    // tracks or obstacles, `exact` must be set.
+    const struct mtn_track *tracks;
+    // Tracks, at most `MTN_MAX_TRACKS`.
+    size_t track_count;
+    // What the figure keeps clear of; may be null when there is nothing.
+    const struct mtn_obstacle *obstacles;
+    // Obstacles, at most `MTN_MAX_OBSTACLES`.
+    size_t obstacle_count;
 } mtn_request;
 
 // Largest request that is to be served.
@@ -329,6 +466,10 @@ typedef struct mtn_limits {
     float guidance;
     // Rows that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
     size_t rows;
+    // Joints that have rows at many frames, each counted once: those of tracks; beside tracks or obstacles those of anchors as well;
+    // with obstacles up to six more, which lead the figure out. `MTN_JOINTS` is enough for every request. 0: neither tracks nor
+    // obstacles. With them `exact` must be set.
+    size_t tracked;
 } mtn_limits;
 
 // Memory and work of the largest request inside some limits.
@@ -396,6 +537,33 @@ typedef struct mtn_understood {
     uint8_t sure;
 } mtn_understood;
 
+// How far a motion is from its tracks.
+typedef struct mtn_tracking {
+    // Mean distance over all positions that count, on the axes that do, metres; negative without tracks.
+    float mean;
+    // Largest distance, metres; negative without tracks.
+    float worst;
+    // The track it is from, counted from 0.
+    uint16_t track;
+    // Its frame.
+    uint16_t frame;
+} mtn_tracking;
+
+// How far a motion keeps clear of its obstacles, half frames counted.
+typedef struct mtn_clearance {
+    // Least distance from a surface, metres; negative inside, infinite without obstacles.
+    float least;
+    // By how much it is less than the obstacle's margin, metres; negative where all of the margin is kept, minus infinity without
+    // obstacles. More than 0.005: the figure does not keep clear, since there was no way for it.
+    float missing;
+    // The obstacle it is from, counted from 0, or `MTN_NO_OBSTACLE`.
+    uint16_t obstacle;
+    // The frame.
+    uint16_t frame;
+    // The joint, or the one at the end of the bone.
+    uint8_t joint;
+} mtn_clearance;
+
 // A finished motion. Its arrays lie in the generator's arena, until the generator is used again.
 typedef struct mtn_motion {
     // Joint positions `[frames][22][3]`, metres: `joints[frame][MTN_JOINT_HEAD][1]` is the head's height.
@@ -436,6 +604,16 @@ typedef struct mtn_motion {
     struct mtn_understood understood;
     // The same of its further clauses, in the order in which they are done; behind the last of them all `MTN_NO_PHRASE`.
     struct mtn_understood then[MTN_FURTHER_CLAUSES];
+    // How far the generated motion was from the tracks.
+    struct mtn_tracking tracking_before;
+    // How far it is after the edit.
+    struct mtn_tracking tracking;
+    // How near the generated motion came to an obstacle.
+    struct mtn_clearance clearance_before;
+    // How near it comes after the edit.
+    struct mtn_clearance clearance;
+    // Positions of tracks that could not be followed as fast as they ask for.
+    uint16_t hurried_positions;
 } mtn_motion;
 
 // The pelvis at `[x, y, z]`.
@@ -447,6 +625,42 @@ typedef struct mtn_motion {
 // A joint at `[x, y, z]`.
 #define MTN_FAMILY_JOINT 2
 
+// x, to the body's left at the start.
+#define MTN_AXIS_X 1
+
+// y, up.
+#define MTN_AXIS_Y 2
+
+// z, ahead at the start.
+#define MTN_AXIS_Z 4
+
+// All three.
+#define MTN_AXES_ALL 7
+
+// All points no farther from the middle than `radius`.
+#define MTN_SHAPE_SPHERE 0
+
+// All points no farther than `radius` from the stretch that reaches from the middle by `half` both ways.
+#define MTN_SHAPE_CAPSULE 1
+
+// A pillar that stands upright, of `radius` and `half_height`.
+#define MTN_SHAPE_CYLINDER 2
+
+// A box with sides along the axes, `half` of each.
+#define MTN_SHAPE_BOX 3
+
+// All that lies behind a plane through the middle; `normal` says which way is free.
+#define MTN_SHAPE_PLANE 4
+
+// Its middle stays at `position`.
+#define MTN_COURSE_STILL 0
+
+// Its middle is at `position` at frame 0 and goes on with `velocity`.
+#define MTN_COURSE_MOVING 1
+
+// Its middle goes from keyframe to keyframe in straight lines; before the first and behind the last it stays.
+#define MTN_COURSE_KEYFRAMES 2
+
 // Go on.
 #define MTN_FLOW_CONTINUE 0
 
@@ -456,6 +670,8 @@ typedef struct mtn_motion {
 
 // Stop at once, no motion. Any other number counts as this.
 #define MTN_FLOW_ABORT 2
+
+
 
 
 
@@ -502,7 +718,7 @@ struct mtn_result mtn_model_vector_width(const struct mtn_model *model, size_t *
 struct mtn_result mtn_model_plan(const struct mtn_model *model, const struct mtn_limits *limits, struct mtn_plan *plan);
 
 // A request for nothing yet: five steps, guidance 2, exact anchors, planted feet, the model's own body, seed 0, the length that the text
-// suggests.
+// suggests, neither tracks nor obstacles.
 struct mtn_request mtn_request_default(void);
 
 // Makes a generator of `model` that works in `arena` and nowhere else.

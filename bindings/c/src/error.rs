@@ -6,7 +6,7 @@ use motionette::AnchorError;
 use motionette::PlanningError;
 use motionette::PromptError;
 use motionette::refining::SolverError;
-use motionette::{Error, blob};
+use motionette::{Error, FARTHEST, ObstacleError, TrackError, blob};
 
 use crate::pointer::clamped;
 
@@ -135,6 +135,56 @@ pub enum mtn_error {
 
     /// Something that this version has no code for.
     Other = 99,
+
+    /// Too many tracks. `found`: how many; `limit`: most there may be.
+    TooManyTracks = 100,
+    /// `index`: the track; `found`: its axes, of which some are none of `MTN_AXIS_*`; `limit`: `MTN_AXES_ALL`.
+    TrackAxes = 101,
+    /// Nothing of a track counts: no positions, a mask without any, or no axis. `index`: the track.
+    TrackNothing = 102,
+    /// There is no such joint. `index`: the track; `found`: its joint; `limit`: joints there are.
+    TrackJoint = 103,
+    /// A track goes on behind the end of the motion. `index`: the track; `found`: frame of its last position; `limit`: frames of the
+    /// motion.
+    TrackFrame = 104,
+    /// A coordinate is NaN, infinite or too large. `index`: the track; `found`: frame of the position; `limit`: largest magnitude, metres.
+    TrackPosition = 105,
+    /// A tolerance that is negative, not a number or too large. `index`: the track; `limit`: the largest, metres.
+    TrackTolerance = 106,
+    /// Two tracks want one joint in two places at one frame. `index`: the second; `found`: the first; `limit`: the frame.
+    TrackConflict = 107,
+    /// A track and an anchor want one joint in two places at one frame. `index`: the track; `found`: the anchor; `limit`: the frame.
+    TrackAnchorConflict = 108,
+    /// Tracks and obstacles are met by the edit behind the decoder alone: set `exact`.
+    NotExact = 109,
+    /// Limits with more tracked joints than a body has. `found`: how many; `limit`: joints there are.
+    TrackedJoints = 110,
+
+    /// Too many obstacles. `found`: how many; `limit`: most there may be.
+    TooManyObstacles = 120,
+    /// `index`: the obstacle; `found`: its shape, which is none of `MTN_SHAPE_*`.
+    UnknownShape = 121,
+    /// `index`: the obstacle; `found`: its course, which is none of `MTN_COURSE_*`.
+    UnknownCourse = 122,
+    /// A size is not above 0 or too large, or a plane has no direction. `index`: the obstacle; `limit`: the largest, metres.
+    ObstacleSize = 123,
+    /// A margin that is negative, not a number or too large. `index`: the obstacle; `limit`: the largest, metres.
+    ObstacleMargin = 124,
+    /// A place or velocity is NaN, infinite or too large. `index`: the obstacle; `limit`: largest magnitude, metres.
+    ObstaclePlace = 125,
+    /// It moves too fast. `index`: the obstacle; `found`: its speed, rounded up; `limit`: the largest; both metres a second.
+    ObstacleSpeed = 126,
+    /// No keyframes, or one that is not behind the one before it. `index`: the obstacle; `found`: the keyframe.
+    ObstacleKeyframes = 127,
+    /// Too many keyframes in the obstacles together. `index`: the obstacle that has one too many; `found`: keyframes of all up to it, its
+    /// own included; `limit`: most there may be.
+    TooManyKeyframes = 128,
+    /// No joint keeps clear of it, or one that there is not. `index`: the obstacle.
+    ObstacleJoints = 129,
+    /// An anchor lies inside it. `index`: the obstacle; `found`: the anchor.
+    AnchorInside = 130,
+    /// A track passes through it. `index`: the obstacle; `found`: the track; `limit`: the first frame at which it is inside.
+    TrackInside = 131,
 }
 
 /// An error and the numbers that explain it.
@@ -224,6 +274,29 @@ static MESSAGES: &[(mtn_error, &CStr)] = &[
     (mtn_error::SelfTestFailed, c"the self-test failed: this machine computes other bits"),
     (mtn_error::NoSelfTest, c"the blob carries no self-test"),
     (mtn_error::Other, c"an error that the C library has no code for"),
+    (mtn_error::TooManyTracks, c"too many tracks"),
+    (mtn_error::TrackAxes, c"a track has unknown axes"),
+    (mtn_error::TrackNothing, c"nothing of a track counts: give positions, a mask with some of them, and an axis"),
+    (mtn_error::TrackJoint, c"a track has an unknown joint"),
+    (mtn_error::TrackFrame, c"a track goes on behind the end of the motion"),
+    (mtn_error::TrackPosition, c"a track's coordinate is NaN, infinite or too large"),
+    (mtn_error::TrackTolerance, c"a track's tolerance must be 0 to 1 m"),
+    (mtn_error::TrackConflict, c"two tracks want one joint in two places at one frame"),
+    (mtn_error::TrackAnchorConflict, c"a track and an anchor want one joint in two places at one frame"),
+    (mtn_error::NotExact, c"tracks and obstacles are met by the edit behind the decoder alone: set exact"),
+    (mtn_error::TrackedJoints, c"the limits have more tracked joints than a body has"),
+    (mtn_error::TooManyObstacles, c"too many obstacles"),
+    (mtn_error::UnknownShape, c"an obstacle has an unknown shape"),
+    (mtn_error::UnknownCourse, c"an obstacle has an unknown course"),
+    (mtn_error::ObstacleSize, c"an obstacle's sizes must be above 0 and at most 100 m, a plane needs a direction"),
+    (mtn_error::ObstacleMargin, c"an obstacle's margin must be 0 to 1 m"),
+    (mtn_error::ObstaclePlace, c"a place or velocity of an obstacle is NaN, infinite or too large"),
+    (mtn_error::ObstacleSpeed, c"an obstacle moves too fast"),
+    (mtn_error::ObstacleKeyframes, c"an obstacle has no keyframes, or one that is not behind the one before it"),
+    (mtn_error::TooManyKeyframes, c"the obstacles have too many keyframes together"),
+    (mtn_error::ObstacleJoints, c"no joint keeps clear of an obstacle, or one that does not exist"),
+    (mtn_error::AnchorInside, c"an anchor lies inside an obstacle"),
+    (mtn_error::TrackInside, c"a track passes through an obstacle"),
 ];
 
 /// Runs `work` and says how it went.
@@ -234,9 +307,18 @@ pub(crate) fn report(work: impl FnOnce() -> Result<(), mtn_result>) -> mtn_resul
     }
 }
 
+/// Largest tolerance of a track and largest margin of an obstacle, metres; largest size of an obstacle, metres.
+const LOOSEST: usize = 1;
+const LARGEST: usize = 100;
+
 /// A code with the two numbers that most have.
 fn numbers(error: mtn_error, found: usize, limit: usize) -> mtn_result {
     mtn_result { found: clamped(found), limit: clamped(limit), ..error.into() }
+}
+
+/// The same of one thing in a list.
+fn at(error: mtn_error, index: usize, found: usize, limit: usize) -> mtn_result {
+    mtn_result { index: clamped(index), ..numbers(error, found, limit) }
 }
 
 impl From<mtn_error> for mtn_result {
@@ -293,6 +375,8 @@ impl From<Error> for mtn_result {
             Error::Prompt(e) => e.into(),
             Error::Planning(e) => e.into(),
             Error::Anchors(e) => e.into(),
+            Error::Tracks(e) => e.into(),
+            Error::Obstacles(e) => e.into(),
             Error::Solver(SolverError::Tokens { tokens, limit }) => numbers(mtn_error::RefinementLength, tokens, limit),
             Error::Solver(SolverError::NotFinite) => mtn_error::RefinementNotFinite.into(),
             Error::NotLinked { .. } => mtn_error::BlobNotLinked.into(),
@@ -341,10 +425,6 @@ impl From<PlanningError> for mtn_result {
 
 impl From<AnchorError> for mtn_result {
     fn from(error: AnchorError) -> Self {
-        let at = |error: mtn_error, index: usize, found: usize, limit: usize| mtn_result {
-            index: clamped(index),
-            ..numbers(error, found, limit)
-        };
         match error {
             AnchorError::TooMany { anchors, limit } => numbers(mtn_error::TooManyAnchors, anchors, limit),
             AnchorError::FrameOutOfRange { index, frame, frames } => {
@@ -358,6 +438,46 @@ impl From<AnchorError> for mtn_result {
             AnchorError::Conflict { first, second } => at(mtn_error::AnchorConflict, second, first, 0),
             // Times have no way in from C.
             AnchorError::Time { .. } => mtn_error::Other.into(),
+        }
+    }
+}
+
+impl From<TrackError> for mtn_result {
+    fn from(error: TrackError) -> Self {
+        use TrackError as E;
+        match error {
+            E::TooMany { tracks, limit } => numbers(mtn_error::TooManyTracks, tracks, limit),
+            E::Nothing { index } => at(mtn_error::TrackNothing, index, 0, 0),
+            E::JointOutOfRange { index, joint, joints } => at(mtn_error::TrackJoint, index, usize::from(joint), joints),
+            E::FrameOutOfRange { index, frame, frames } => at(mtn_error::TrackFrame, index, frame, frames),
+            E::Position { index, frame, limit } => at(mtn_error::TrackPosition, index, frame, limit as usize),
+            E::Tolerance { index, .. } => at(mtn_error::TrackTolerance, index, 0, LOOSEST),
+            E::Conflict { first, second, frame } => at(mtn_error::TrackConflict, second, first, frame),
+            E::AnchorConflict { track, anchor, frame } => at(mtn_error::TrackAnchorConflict, track, anchor, frame),
+            E::NotExact => mtn_error::NotExact.into(),
+            // A mask from C is as long as its track.
+            E::Mask { .. } => mtn_error::Other.into(),
+        }
+    }
+}
+
+impl From<ObstacleError> for mtn_result {
+    fn from(error: ObstacleError) -> Self {
+        use ObstacleError as E;
+        match error {
+            E::TooMany { obstacles, limit } => numbers(mtn_error::TooManyObstacles, obstacles, limit),
+            E::Size { index } => at(mtn_error::ObstacleSize, index, 0, LARGEST),
+            E::Margin { index, .. } => at(mtn_error::ObstacleMargin, index, 0, LOOSEST),
+            E::Place { index } => at(mtn_error::ObstaclePlace, index, 0, FARTHEST as usize),
+            E::TooFast { index, speed, limit } => {
+                let whole = speed as usize;
+                let found = whole.saturating_add(usize::from(speed > whole as f32));
+                at(mtn_error::ObstacleSpeed, index, found, limit as usize)
+            }
+            E::Keyframes { index, keyframe } => at(mtn_error::ObstacleKeyframes, index, keyframe, 0),
+            E::Joints { index } => at(mtn_error::ObstacleJoints, index, 0, 0),
+            E::AnchorInside { index, anchor } => at(mtn_error::AnchorInside, index, anchor, 0),
+            E::TrackInside { index, track, frame } => at(mtn_error::TrackInside, index, track, frame),
         }
     }
 }

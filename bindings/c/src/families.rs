@@ -1,11 +1,12 @@
 //! What a library says that was built without a family. Each build has one answer: `cargo xtask c` runs this with several.
 
 use motionette::refining::Config;
-use motionette::{Anchors, Error, Generator, Model, Request, blob};
+use motionette::{Anchors, Error, Generator, Joint, Model, Obstacle, Request, Shape, Track, blob};
 use std::{fs, vec};
 
-/// The bundled model opened by the runtime itself, and what requests of it through an anchor get: edited, and with bent tokens.
-fn opened_and_bent() -> Result<[Result<(), Error>; 2], blob::Error> {
+/// The bundled model opened by the runtime itself, and what requests of it get: edited through an anchor, with bent tokens, along a track,
+/// around an obstacle.
+fn opened_and_bent() -> Result<[Result<(), Error>; 4], blob::Error> {
     let bytes = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../../models/nano.blob")).unwrap();
     let mut memory = vec![0u128; bytes.len().div_ceil(16)];
     // SAFETY: 16 bytes a block, and any bits are numbers.
@@ -16,7 +17,11 @@ fn opened_and_bent() -> Result<[Result<(), Error>; 2], blob::Error> {
     let mut arena = vec![0u8; 1 << 20];
     let mut generator = Generator::new(model, &mut arena).unwrap();
     let edited = Request::tokens(&[117, 204, 407]).through(&anchors);
-    Ok([edited, edited.refined(Config::fast(2))].map(|request| generator.generate(&request, &mut ()).map(drop)))
+    let (bent, given) = (edited.refined(Config::fast(2)), Request::tokens(&[117, 204, 407]));
+    let (path, ball) = ([[0.0, 0.9, 0.1]; 4], Obstacle::new(Shape::Sphere { radius: 0.2 }, [0.0, 1.0, 3.0]));
+    let (tracks, obstacles) = ([Track::new(Joint::Pelvis, 4, &path)], [ball]);
+    let requests = [edited, bent, given.tracks(&tracks), given.obstacles(&obstacles)];
+    Ok(requests.map(|request| generator.generate(&request, &mut ()).map(drop)))
 }
 
 /// The first family that the bundled model needs and this build has not.
@@ -39,9 +44,13 @@ fn what_is_not_linked_is_named() {
         (Ok(answers), None) => {
             let answer = |linked: bool, feature| if linked { Ok(()) } else { Err(Error::NotLinked { feature }) };
             let refining = cfg!(feature = "refining");
-            let editing = cfg!(feature = "editing") || refining;
+            let tracks = cfg!(feature = "tracks");
+            let editing = cfg!(feature = "editing") || refining || tracks;
             assert_eq!(answers[0], answer(editing, "editing"));
             assert_eq!(answers[1], if editing { answer(refining, "refining") } else { answer(false, "editing") });
+            assert_eq!(answers[2], answer(tracks, "tracks"));
+            let obstacles = cfg!(feature = "obstacles");
+            assert_eq!(answers[3], if tracks { answer(obstacles, "obstacles") } else { answer(false, "tracks") });
         }
         (found, missing) => panic!("{found:?}, the missing family is {missing:?}"),
     }

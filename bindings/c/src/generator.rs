@@ -4,9 +4,10 @@ use core::ffi::{c_char, c_void};
 use core::fmt::{self, Write};
 use core::ops::ControlFlow;
 
-use motionette::refining::ControlError;
-use motionette::{Generator, Guess, Model, Motion, Observer, Progress, Stage, Stop, Understood};
+use motionette::refining::{Clearance, ControlError, TrackingError};
+use motionette::{Generator, Guess, Model, Motion, Observer, Progress, Request, Stage, Stop, Understood};
 
+use crate::conditions::with_conditions;
 use crate::error::{mtn_error, mtn_result, report};
 use crate::model::{self, mtn_model};
 use crate::pointer::{Slot, place, slice, slice_mut};
@@ -113,6 +114,40 @@ pub struct mtn_understood {
     pub sure: u8,
 }
 
+/// How far a motion is from its tracks.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct mtn_tracking {
+    /// Mean distance over all positions that count, on the axes that do, metres; negative without tracks.
+    pub mean: f32,
+    /// Largest distance, metres; negative without tracks.
+    pub worst: f32,
+    /// The track it is from, counted from 0.
+    pub track: u16,
+    /// Its frame.
+    pub frame: u16,
+}
+
+/// In place of an obstacle's number: no obstacle.
+pub const MTN_NO_OBSTACLE: u16 = 0xFFFF;
+
+/// How far a motion keeps clear of its obstacles, half frames counted.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct mtn_clearance {
+    /// Least distance from a surface, metres; negative inside, infinite without obstacles.
+    pub least: f32,
+    /// By how much it is less than the obstacle's margin, metres; negative where all of the margin is kept, minus infinity without
+    /// obstacles. More than 0.005: the figure does not keep clear, since there was no way for it.
+    pub missing: f32,
+    /// The obstacle it is from, counted from 0, or `MTN_NO_OBSTACLE`.
+    pub obstacle: u16,
+    /// The frame.
+    pub frame: u16,
+    /// The joint, or the one at the end of the bone.
+    pub joint: u8,
+}
+
 /// A finished motion. Its arrays lie in the generator's arena, until the generator is used again.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
@@ -155,6 +190,16 @@ pub struct mtn_motion {
     pub understood: mtn_understood,
     /// The same of its further clauses, in the order in which they are done; behind the last of them all `MTN_NO_PHRASE`.
     pub then: [mtn_understood; MTN_FURTHER_CLAUSES],
+    /// How far the generated motion was from the tracks.
+    pub tracking_before: mtn_tracking,
+    /// How far it is after the edit.
+    pub tracking: mtn_tracking,
+    /// How near the generated motion came to an obstacle.
+    pub clearance_before: mtn_clearance,
+    /// How near it comes after the edit.
+    pub clearance: mtn_clearance,
+    /// Positions of tracks that could not be followed as fast as they ask for.
+    pub hurried_positions: u16,
 }
 
 /// Makes a generator of `model` that works in `arena` and nowhere else.
@@ -230,15 +275,22 @@ pub unsafe extern "C" fn mtn_generate(
         // SAFETY: the caller promises that what the request points to is readable.
         let anchors = unsafe { Anchors::new(&request) }?;
         // SAFETY: as above, for as long as this call lasts.
-        let request = unsafe { request.resolved(&anchors) }?;
+        let resolved = unsafe { request.resolved(&anchors) }?;
         let mut watch = Watch { progress, context };
-        let work = |generator: &mut Generator<'static>| {
-            // C says nothing of how proposals are drawn: as the planner is meant to.
-            let request = request.sampling(generator.model().default_planning().sampling);
-            Ok(mtn_motion::new(&generator.generate(&request, &mut watch)?))
+        let mut make = |request: Request<'_>| {
+            let work = |generator: &mut Generator<'static>| {
+                // C says nothing of how proposals are drawn: as the planner is meant to.
+                let request = request.sampling(generator.model().default_planning().sampling);
+                Ok(mtn_motion::new(&generator.generate(&request, &mut watch)?))
+            };
+            // SAFETY: aligned; the caller promises storage and one thread at a time.
+            unsafe { Slot::with(slot, 0, work) }
         };
-        // SAFETY: aligned; the caller promises storage and one thread at a time.
-        let made = unsafe { Slot::with(slot, 0, work) }?;
+        let made = match (request.track_count, request.obstacle_count) {
+            (0, 0) => make(resolved),
+            // SAFETY: as above.
+            _ => unsafe { with_conditions(&request, resolved, &mut make) },
+        }?;
         // SAFETY: aligned; the caller promises room for a motion.
         unsafe { out.write(made) };
         Ok(())
@@ -334,6 +386,8 @@ impl mtn_motion {
         let before = report.and_then(|report| report.before);
         let after = report.and_then(|report| report.after);
         let mean = |error: Option<ControlError>| error.map_or(-1.0, |error| error.mean);
+        let edited = report.and_then(|report| report.edited);
+        let followed = edited.and_then(|edited| edited.followed);
         let frames = motion.frames();
         let mut then = [mtn_understood::NOTHING; MTN_FURTHER_CLAUSES];
         for (to, clause) in then.iter_mut().zip(motion.then()) {
@@ -352,14 +406,45 @@ impl mtn_motion {
             worst_error: after.map_or(-1.0, |error| error.worst),
             worst_anchor: after.map_or(0, |error| error.worst_anchor),
             evaluations: report.map_or(0, |report| report.evaluations),
-            loosened_anchors: report.and_then(|report| report.edited).map_or(0, |edited| edited.loosened),
+            loosened_anchors: edited.map_or(0, |edited| edited.loosened),
             frame_rate: motion.frame_rate(),
             words: motion.words(),
             unknown_words: motion.unknown_words(),
             unconditioned_anchors: motion.unconditioned_anchors(),
             understood: motion.understood().map_or(mtn_understood::NOTHING, mtn_understood::from),
             then,
+            tracking_before: followed.and_then(|followed| followed.before).into(),
+            tracking: followed.and_then(|followed| followed.after).into(),
+            clearance_before: followed.and_then(|followed| followed.clearance_before).into(),
+            clearance: followed.and_then(|followed| followed.clearance).into(),
+            hurried_positions: followed.map_or(0, |followed| followed.hurried),
         }
+    }
+}
+
+impl From<Option<TrackingError>> for mtn_tracking {
+    fn from(error: Option<TrackingError>) -> Self {
+        let none = mtn_tracking { mean: -1.0, worst: -1.0, track: 0, frame: 0 };
+        error.map_or(none, |TrackingError { mean, worst, worst_track: track, worst_frame: frame }| mtn_tracking {
+            mean,
+            worst,
+            track,
+            frame,
+        })
+    }
+}
+
+impl From<Option<Clearance>> for mtn_clearance {
+    fn from(clearance: Option<Clearance>) -> Self {
+        let (least, missing) = (f32::INFINITY, f32::NEG_INFINITY);
+        let none = mtn_clearance { least, missing, obstacle: MTN_NO_OBSTACLE, frame: 0, joint: 0 };
+        clearance.map_or(none, |Clearance { least, missing, obstacle, joint, frame }| mtn_clearance {
+            least,
+            missing,
+            obstacle,
+            frame,
+            joint,
+        })
     }
 }
 

@@ -6,6 +6,7 @@
 //! - [`mod@error`]: results, what their numbers mean, messages.
 //! - [`model`]: opening a blob, planning an arena.
 //! - [`request`]: what is to be made, as C says it.
+//! - [`conditions`]: tracks and obstacles of a request, as C says them.
 //! - [`generator`]: making it, watching it.
 //! - `pointer`: what can be checked of a pointer, and storage that knows whether it was opened.
 //!
@@ -23,6 +24,8 @@ extern crate std;
 pub mod error;
 pub mod model;
 pub mod request;
+
+pub mod conditions;
 
 pub mod generator;
 

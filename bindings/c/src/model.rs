@@ -2,10 +2,10 @@
 
 use core::ffi::c_void;
 
-use motionette::MAX_ANCHORS;
 use motionette::PromptError;
 use motionette::refining::Config;
 use motionette::{Error, Limits, MAX_STEPS, Model, Plan, PlanningError, PlanningLimits};
+use motionette::{JOINTS, MAX_ANCHORS};
 
 use crate::error::{mtn_error, mtn_result, report};
 use crate::pointer::{Slot, clamped, place, slice};
@@ -58,6 +58,10 @@ pub struct mtn_limits {
     pub guidance: f32,
     /// Rows that pass through a layer at a time, as `mtn_generator_set_rows` is told; 0: `MTN_ROWS`.
     pub rows: usize,
+    /// Joints that have rows at many frames, each counted once: those of tracks; beside tracks or obstacles those of anchors as well;
+    /// with obstacles up to six more, which lead the figure out. `MTN_JOINTS` is enough for every request. 0: neither tracks nor
+    /// obstacles. With them `exact` must be set.
+    pub tracked: usize,
 }
 
 /// Memory and work of the largest request inside some limits.
@@ -179,6 +183,13 @@ impl mtn_limits {
             let found = clamped(self.anchors);
             return Err(mtn_result { found, limit: clamped(MAX_ANCHORS), ..mtn_error::TooManyAnchors.into() });
         }
+        if self.tracked > JOINTS {
+            let found = clamped(self.tracked);
+            return Err(mtn_result { found, limit: clamped(JOINTS), ..mtn_error::TrackedJoints.into() });
+        }
+        if self.tracked > 0 && self.exact == 0 {
+            return Err(mtn_error::NotExact.into());
+        }
         let mut planning = None;
         if self.words > 0 {
             let limit = model.max_words().ok_or(PlanningError::NoPlanner)?;
@@ -190,12 +201,14 @@ impl mtn_limits {
             }
             let words = if model.vector_width().is_some() { 0 } else { self.words };
             let steps = self.steps;
-            let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0);
+            // The planner sees places of tracks as anchors.
+            let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0 || self.tracked > 0);
             planning = Some(PlanningLimits { words, steps, guided, anchors, clauses: 1 });
         }
         let refinement = refinement(self.evaluations, self.exact, self.free_feet);
         let anchors = if refinement.is_some() { self.anchors } else { 0 };
         let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };
-        Ok(Limits { tokens, anchors, tracked: 0, refinement: refinement.unwrap_or(Config::fast(0)), planning, rows })
+        let (tracked, refinement) = (self.tracked, refinement.unwrap_or(Config::fast(0)));
+        Ok(Limits { tokens, anchors, tracked, refinement, planning, rows })
     }
 }

@@ -6,6 +6,7 @@ use motionette::MAX_PROMPT;
 use motionette::refining::Config;
 use motionette::{Anchor, AnchorList, Bones, JOINTS, Prompt, Request, Source};
 
+use crate::conditions::{mtn_obstacle, mtn_track};
 use crate::error::{mtn_error, mtn_result};
 use crate::pointer::{clamped, place, slice};
 
@@ -80,12 +81,21 @@ pub struct mtn_request {
     /// Not 0: of this edit, feet do not stay where they stand.
     pub free_feet: u16,
     /// Skeleton of the body that moves, a robot's: offset of each of the `MTN_JOINTS` joints from its parent at rest, `[22][3]`, metres, y up,
-    /// the left at +x, in the order of `mtn_joint`; anchors are in its world. Null: the model's own.
+    /// the left at +x, in the order of `mtn_joint`; anchors, tracks and obstacles are in its world. Null: the model's own.
     pub bones: *const [[f32; 3]; MTN_JOINTS],
+    /// Where joints are to be at many frames; may be null when there are none. The planner sees some of their places as anchors. With
+    /// tracks or obstacles, `exact` must be set.
+    pub tracks: *const mtn_track,
+    /// Tracks, at most `MTN_MAX_TRACKS`.
+    pub track_count: usize,
+    /// What the figure keeps clear of; may be null when there is nothing.
+    pub obstacles: *const mtn_obstacle,
+    /// Obstacles, at most `MTN_MAX_OBSTACLES`.
+    pub obstacle_count: usize,
 }
 
 /// A request for nothing yet: five steps, guidance 2, exact anchors, planted feet, the model's own body, seed 0, the length that the text
-/// suggests.
+/// suggests, neither tracks nor obstacles.
 #[unsafe(no_mangle)]
 pub extern "C" fn mtn_request_default() -> mtn_request {
     let planning = motionette::Planning::DEFAULT;
@@ -107,6 +117,10 @@ pub extern "C" fn mtn_request_default() -> mtn_request {
         exact: u16::from(Config::DEFAULT.exact.is_some()),
         free_feet: 0,
         bones: core::ptr::null(),
+        tracks: core::ptr::null(),
+        track_count: 0,
+        obstacles: core::ptr::null(),
+        obstacle_count: 0,
     }
 }
 
@@ -149,7 +163,7 @@ impl Anchors {
 }
 
 impl mtn_request {
-    /// The runtime's request.
+    /// The runtime's request, without tracks and obstacles.
     ///
     /// # Safety
     /// What the request points to MUST be readable and unchanged for `'r`.
