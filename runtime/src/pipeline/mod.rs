@@ -221,11 +221,13 @@ impl<'a> Generator<'a> {
         let frame_rate = self.model.frame_rate();
         track::check(request.tracks, anchors, frames)?;
         obstacle::check(request.obstacles, anchors, request.tracks, frame_rate)?;
-        if limits.refinement.exact.is_none() {
-            return Err(Error::Tracks(TrackError::NotExact));
-        }
         let rows = Rows { anchors, tracks: request.tracks, obstacles: request.obstacles, frame_rate };
-        limits.tracked = rows.joints().count_ones() as usize;
+        match request.refinement {
+            Some(Config { exact: Some(_), .. }) => limits.tracked = rows.joints().count_ones() as usize,
+            // Tracks are for the planner alone, as anchors are.
+            None if request.obstacles.is_empty() => {}
+            _ => return Err(Error::Tracks(TrackError::NotExact)),
+        }
         anchors.suggest(request.tracks);
         Ok(())
     }
@@ -337,7 +339,7 @@ impl<'a> Generator<'a> {
             }
             log::debug!("planned {} tokens", made.tokens);
         }
-        if cfg!(feature = "tracks") && limits.tracked > 0 {
+        if !linked(request.tracks).is_empty() {
             // Without the places of the tracks that were suggested to the planner.
             anchors.fill(request.anchors, model.frame_rate(), limits.tokens * model.frames_per_token())?;
             anchors.scale(1.0 / scale);

@@ -44,10 +44,10 @@ pub struct Request<'r> {
     pub source: Source<'r>,
     /// Where it must pass: what the planner sees of a text's anchors, and what the refinement meets. Empty: neither.
     pub anchors: AnchorList<'r>,
-    /// Where joints are to be at many frames; the planner sees some of their places as anchors. With tracks or obstacles the refinement must
-    /// be one that edits behind the decoder ([`Config::exact`], the default).
+    /// Where joints are to be at many frames; the planner sees some of their places as anchors. A refinement must be one that edits behind the
+    /// decoder ([`Config::exact`], the default); without one tracks are for the planner alone.
     pub tracks: &'r [Track<'r>],
-    /// What the figure keeps clear of.
+    /// What the figure keeps clear of, by the edit behind the decoder.
     pub obstacles: &'r [Obstacle<'r>],
     /// How it is bent there, and whether feet stay where they stand; `None` leaves the motion as it was decoded.
     pub refinement: Option<Config>,

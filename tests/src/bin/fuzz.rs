@@ -63,7 +63,7 @@ fn main() -> ExitCode {
     match fuzz::run(seed, first, cases, threads, progress) {
         Ok(tally) => {
             println!(
-                "{} cases in {:.1} s on {threads} threads: blobs {} refused, {} opened; requests {} refused, {} gave a motion, {} of anchors inside the planner; {} streams; files {} refused, {} read",
+                "{} cases in {:.1} s on {threads} threads: blobs {} refused, {} opened; requests {} refused, {} gave a motion, {} of anchors inside the planner, {} with tracks or obstacles; {} streams; files {} refused, {} read",
                 tally.cases,
                 start.elapsed().as_secs_f64(),
                 tally.blobs_refused,
@@ -71,6 +71,7 @@ fn main() -> ExitCode {
                 tally.requests_refused,
                 tally.motions,
                 tally.conditioned,
+                tally.led,
                 tally.streams,
                 tally.files_refused,
                 tally.files_read

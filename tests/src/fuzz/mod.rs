@@ -160,6 +160,8 @@ pub struct Tally {
     pub motions: u64,
     /// Of these, motions whose planner saw anchors.
     pub conditioned: u64,
+    /// Motions with tracks or obstacles.
+    pub led: u64,
     /// Streams whose motion was compared with the whole.
     pub streams: u64,
     /// Files that were refused.
@@ -176,6 +178,7 @@ impl AddAssign for Tally {
         self.requests_refused += other.requests_refused;
         self.motions += other.motions;
         self.conditioned += other.conditioned;
+        self.led += other.led;
         self.streams += other.streams;
         self.files_refused += other.files_refused;
         self.files_read += other.files_read;

@@ -170,6 +170,7 @@ pub fn serve(
             if unseen > request.anchors.len() {
                 return Err(format!("{unseen} of {} anchors were not seen", request.anchors.len()));
             }
+            tally.led += u64::from(!request.tracks.is_empty() || !request.obstacles.is_empty());
             tally.conditioned += u64::from(unseen == 0 && !request.anchors.is_empty());
             let plan = plan.map_err(|e| format!("a motion came out of a request that cannot be planned: {e}"))?;
             if motion.arena_used != plan.arena_bytes {

@@ -47,6 +47,8 @@ pub enum Table {
     Mechanism,
     /// Six joints: prior with solver, controlled generator, both.
     Sparse,
+    /// Tracks of a joint, and of several, at 1, 2 and 5 frames, a quarter and all of them: the planner alone, and with the edit.
+    Density,
     /// Seconds, decoder evaluations and work of a sample, one thread.
     Runtime,
     /// Of which strain to warn: of the validation split, whose actions are lost when motions are edited onto anchors.
@@ -238,6 +240,7 @@ fn anchored(args: &Args, table: Table, dataset: &Dataset, judge: &Judge, codec: 
         Table::Refinement => ("refinement", "Ways to refine", bench.refinement(&course)?),
         Table::Mechanism => ("mechanism", "RouteSolver taken apart", bench.mechanism(&course)?),
         Table::Sparse => ("sparse", "Six joints at five frames", bench.sparse(&course)?),
+        Table::Density => ("density", "Joints on tracks", bench.density(&course)?),
         Table::Strain => ("strain", "Of which strain to warn", bench.strain(&course)?),
         Table::Runtime => ("runtime", "What a sample costs", bench.runtime(&course, args.instructions_per_mac)?),
     };
@@ -293,6 +296,11 @@ fn remarks(table: Table) -> &'static str {
             "The edit in motion space on generated motions, all three families, 2, 8 and 32 anchors. *Warned*: share of all requests. *Actions lost*: of \
              the motions that the evaluator took for their action as they were generated, those that it takes for another one as they were \
              edited. Intervals are 1.96 standard errors."
+        }
+        Table::Density => {
+            "Numbers are frames (1, 2, 5) or percent of them (25, 100); a mean is over all five. `generator` is the planner, which sees up to 32 places of the tracks, \
+             alone; `+exact` with the edit behind the decoder. *cross*: pelvis and right wrist at all frames, wrists at a quarter, pelvis and feet at all, head and wrists at five, \
+             all six joints at all frames. *Trajectories missed*: motions with a place more than 50 cm off; *places missed*: those places."
         }
         Table::Sparse => "Pelvis, feet, head and hands at five random frames: 30 anchors.",
         Table::Runtime => {

@@ -13,6 +13,9 @@ use super::sample::{Controlled, Judged, Sample};
 use super::spread::{Distances, mean_distance};
 use crate::random::Random;
 
+/// A place that is farther off than this is missed, centimetres (ControlMM, table 1).
+const MISSED_CM: f64 = 50.0;
+
 /// Names of the figures, in the order of the table.
 pub const METRICS: [&str; 11] = [
     "fid",
@@ -157,6 +160,8 @@ impl Yardstick {
         };
         vec![
             ("control_error_cm", anchored(&|c| mean(c.errors_cm.iter().copied()))),
+            ("trajectory_error", anchored(&|c| yes(c.errors_cm.iter().any(|error| *error > MISSED_CM)))),
+            ("location_error", anchored(&|c| mean(c.errors_cm.iter().map(|error| yes(*error > MISSED_CM))))),
             ("loosened", anchored(&|c| c.loosened as f64 / c.anchors().max(1) as f64)),
             ("unreachable", anchored(&|c| c.unreachable as f64 / c.anchors().max(1) as f64)),
             ("jerk", anchored(&|c| c.jerk)),

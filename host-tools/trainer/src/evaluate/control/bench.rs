@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use motionette::refining::{Config, Exact};
-use motionette::{Bones, Request};
+use motionette::{Bones, Request, Target, Track};
 use motionette_host::blob::BlobFile;
 use motionette_host::motion::{Pose, widened};
 use motionette_host::reference::Anchor;
@@ -48,6 +48,38 @@ pub struct Way {
     pub origin: Origin,
     /// How it is bent onto the anchors.
     pub refinement: Option<Config>,
+}
+
+/// Places of a joint, for a track.
+struct Path {
+    joint: u8,
+    mask: Vec<u8>,
+    positions: Vec<[f32; 3]>,
+}
+
+impl Path {
+    /// A path for each joint of `anchors`, from frame 0 on.
+    fn all(anchors: &[motionette::Anchor]) -> Vec<Self> {
+        let mut paths: Vec<Self> = Vec::new();
+        for anchor in anchors {
+            let Target::Joint { joint, position } = anchor.target else { continue };
+            let at = paths.iter().position(|path| path.joint == joint).unwrap_or_else(|| {
+                paths.push(Self { joint, mask: Vec::new(), positions: Vec::new() });
+                paths.len() - 1
+            });
+            let (frame, path) = (usize::from(anchor.frame), &mut paths[at]);
+            path.mask.resize(frame, 0);
+            path.positions.resize(frame, [0.0; 3]);
+            path.mask.push(1);
+            path.positions.push(position);
+        }
+        paths
+    }
+
+    fn track(&self) -> Track<'_> {
+        let Self { joint, mask, positions } = self;
+        Track { joint: *joint, first: 0, axes: [true; 3], mask: Some(mask), positions, tolerance: 0.0 }
+    }
 }
 
 /// All prompts once: one way, one problem, one seed.
@@ -94,7 +126,7 @@ impl Store {
     ///
     /// # Errors
     /// A file that is there and cannot be read.
-    pub fn open(path: &Path) -> Result<Self> {
+    pub fn open(path: &std::path::Path) -> Result<Self> {
         let text = match std::fs::read_to_string(path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
@@ -178,6 +210,8 @@ impl Bench<'_> {
         let prompt = &self.yardstick.prompts[place];
         let known = self.anchors(task, place, seed);
         let anchors = known.iter().map(runtime_anchor).collect::<Vec<_>>();
+        let paths = Path::all(if task.0.is_tracks() { &anchors } else { &[] });
+        let tracks: Vec<Track<'_>> = paths.iter().map(Path::track).collect();
         let planned;
         let request = match (tokens, way.origin) {
             (Some(tokens), _) => Request::tokens(tokens),
@@ -192,7 +226,8 @@ impl Bench<'_> {
                 Request::text(&prompt.caption).planned(self.generation.planning(prompt, seed))
             }
         };
-        let request = Request { refinement: way.refinement, ..request.anchors(&anchors) };
+        let request = if task.0.is_tracks() { request.tracks(&tracks) } else { request.anchors(&anchors) };
+        let request = Request { refinement: way.refinement, ..request };
         // What bends tokens is measured as it is published, where it works: on what is decoded.
         let bends = way.refinement.is_some_and(|config| config.exact.is_none());
         let request = request.bones(if bends { Bones::Decoded } else { Bones::Model });
@@ -205,7 +240,11 @@ impl Bench<'_> {
         // Of the motion that was generated for these tokens, whatever bends it.
         let generated = verify::run(self.blob, &prompt.caption, &Request::tokens(&motion.tokens).unrefined())?.joints;
         let generated = widened(&generated);
-        let out = reach::unreachable(&generated, &known, Exact::DEFAULT.added_speed.into(), FPS as f64);
+        let out = match task.0.is_tracks() {
+            // Frame by frame there is no telling which of two places is too far from the other.
+            true => vec![false; known.len()],
+            false => reach::unreachable(&generated, &known, Exact::DEFAULT.added_speed.into(), FPS as f64),
+        };
         let frames: Vec<usize> = known.iter().map(|anchor| anchor.frame).collect();
         let (joints, fps) = (&motion.joints, FPS as f64);
         let edited = motion.refinement.and_then(|report| report.edited);

@@ -9,10 +9,12 @@ use super::tables::Entry;
 use crate::evaluate::report::Facts;
 
 /// Figures in the order of the columns, with their heads; arrows say which way is better.
-const COLUMNS: [(&str, &str); 25] = [
+const COLUMNS: [(&str, &str); 27] = [
     ("control_error_cm", "control error, cm ↓"),
     ("control_error_p95_cm", "p95"),
     ("control_error_max_cm", "max"),
+    ("trajectory_error", "trajectories missed ↓"),
+    ("location_error", "places missed ↓"),
     ("unreachable", "anchors that no motion meets"),
     ("loosened", "anchors loosened"),
     ("fid", "FID ↓"),

@@ -24,6 +24,43 @@ pub enum Problem {
     Family(Kind, usize),
     /// Pelvis, feet, head and hands at five random frames.
     SixJoints,
+    /// Joints of [`LED`], bit by bit, at random frames or all of them: as tracks.
+    Tracks(u8, Density),
+}
+
+/// Joints that tracks lead, in the order of ControlMM's tables: pelvis, feet, head, wrists.
+pub const LED: [usize; 6] = [0, 10, 11, 15, 20, 21];
+/// Their names, and those of all that lead several.
+const NAMES: [&str; 6] = ["pelvis", "left_foot", "right_foot", "head", "left_wrist", "right_wrist"];
+
+/// At how many frames tracks say where joints are (ControlMM, table 4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Density {
+    /// So many frames.
+    Frames(usize),
+    /// A share of all frames, percent.
+    Percent(usize),
+}
+
+/// The densities of the table.
+pub const DENSITIES: [Density; 5] =
+    [Density::Frames(1), Density::Frames(2), Density::Frames(5), Density::Percent(25), Density::Percent(100)];
+
+impl Density {
+    /// So many of `frames`.
+    pub fn of(self, frames: usize) -> usize {
+        match self {
+            Density::Frames(count) => count.min(frames),
+            Density::Percent(share) => (share * frames).div_ceil(100),
+        }
+    }
+
+    /// As tables say it: a number of frames, or the percentage.
+    pub const fn number(self) -> usize {
+        match self {
+            Density::Frames(number) | Density::Percent(number) => number,
+        }
+    }
 }
 
 /// Whose motion anchors are places of.
@@ -70,6 +107,8 @@ impl Problem {
             Problem::Family(Kind::Body, _) => "body",
             Problem::Family(Kind::Mixed, _) => "mixed",
             Problem::SixJoints => "six_joints",
+            Problem::Tracks(joints, _) if joints.count_ones() == 1 => NAMES[joints.trailing_zeros() as usize],
+            Problem::Tracks(..) => "cross",
         }
     }
 
@@ -78,6 +117,7 @@ impl Problem {
         match self {
             Problem::Family(_, count) => *count,
             Problem::SixJoints => (1 + EXTREMITIES.len()) * SPARSE_FRAMES,
+            Problem::Tracks(_, density) => density.number(),
         }
     }
 
@@ -100,7 +140,30 @@ impl Problem {
                 anchors.sort_by_key(|anchor| (anchor.frame, anchor.joint()));
                 anchors
             }
+            Problem::Tracks(joints, density) => {
+                // Not frame 0, where every motion begins.
+                let mut frames: Vec<usize> = (1..real.len()).collect();
+                let count = density.of(frames.len());
+                for place in 0..count {
+                    let other = place + random.below(frames.len() - place);
+                    frames.swap(place, other);
+                }
+                frames.truncate(count);
+                frames.sort_unstable();
+                let led = LED.iter().enumerate().filter(|(bit, _)| joints >> bit & 1 == 1);
+                let led: Vec<usize> = led.map(|(_, joint)| *joint).collect();
+                let place = |frame: usize, joint: usize| {
+                    let position = real[frame][joint].map(f64::from);
+                    Anchor { frame, target: Target::Joint { joint, position } }
+                };
+                frames.iter().flat_map(|frame| led.iter().map(move |joint| place(*frame, *joint))).collect()
+            }
         }
+    }
+
+    /// Whether it is given as tracks, not as anchors.
+    pub const fn is_tracks(&self) -> bool {
+        matches!(self, Problem::Tracks(..))
     }
 }
 
@@ -133,6 +196,12 @@ mod tests {
     #[test]
     fn anchors_depend_on_clip_and_seed_alone_and_are_met_by_the_clip() {
         let real: Vec<Pose> = (0..60).map(|t| std::array::from_fn(|j| [t as f32, j as f32, 0.5])).collect();
+        let all = Problem::Tracks(0b11_1111, Density::Percent(100));
+        let anchors = all.anchors(&real, 3, 1);
+        assert_eq!(anchors.len(), 59 * 6);
+        assert!(anchors.iter().all(|anchor| anchor.error(&real) == 0.0 && anchor.frame > 0));
+        assert_eq!(Problem::Tracks(0b100, Density::Frames(5)).anchors(&real, 3, 1).len(), 5);
+        assert_eq!(Problem::Tracks(0b10_0001, Density::Percent(25)).anchors(&real, 3, 1).len(), 15 * 2);
         for problem in [Problem::Family(Kind::Root3d, 8), Problem::Family(Kind::Body, 32), Problem::SixJoints] {
             let anchors = problem.anchors(&real, 3, 1);
             assert_eq!(anchors.len(), problem.count());

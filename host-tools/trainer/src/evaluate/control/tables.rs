@@ -10,7 +10,7 @@ use motionette_host::reference::bridge::runtime_anchor;
 use motionette_host::verify;
 
 use super::bench::{Bench, Origin, Task, Way};
-use super::problem::{Problem, Targets};
+use super::problem::{DENSITIES, Density, LED, Problem, Targets};
 use crate::control::anchors::{FAMILIES, Kind};
 use crate::evaluate::figures::{Figure, Row};
 
@@ -22,6 +22,14 @@ pub const COUNTS: [usize; 5] = [2, 4, 8, 16, 32];
 pub const FEW: [usize; 3] = [2, 8, 32];
 /// Strains of which a request might be warned; [`motionette::refining::Strain::WARNING`] among them.
 const THRESHOLDS: [f64; 7] = [0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0];
+/// Several joints at once: pelvis and a wrist, both wrists, feet and pelvis, head and wrists, all six.
+const CROSS: [(u8, Density); 5] = [
+    (0b10_0001, Density::Percent(100)),
+    (0b11_0000, Density::Percent(25)),
+    (0b00_0111, Density::Percent(100)),
+    (0b11_1000, Density::Frames(5)),
+    (0b11_1111, Density::Percent(100)),
+];
 /// Steps at which solvers are compared with one another.
 const BALANCED: u16 = 200;
 
@@ -203,6 +211,39 @@ impl Bench<'_> {
         let rows: Vec<_> = TARGETS.into_iter().flat_map(each).collect();
         let place = (problem.family(), Some(problem.count()));
         rows.into_iter().map(|(targets, way)| self.entry(way, place, &[problem], targets, course)).collect()
+    }
+
+    /// ControlMM's tables 1 (first part) and 4: joints led by tracks at one to all frames, by the planner alone and with the edit behind it.
+    ///
+    /// # Errors
+    /// Those of [`Bench::group`].
+    pub fn density(&mut self, course: &Course<'_>) -> Result<Vec<Entry>> {
+        let ways = [
+            way("generator", Origin::Controlled, None),
+            way("generator+exact", Origin::Controlled, Some(Config::exact())),
+        ];
+        let single = |bit: usize| 1u8 << bit;
+        let mut entries = Vec::new();
+        for targets in TARGETS {
+            for way in &ways {
+                for bit in 0..LED.len() {
+                    for density in DENSITIES {
+                        let problem = Problem::Tracks(single(bit), density);
+                        let place = (problem.family(), Some(problem.count()));
+                        entries.push(self.entry(way, place, &[problem], targets, course)?);
+                    }
+                    let problems = DENSITIES.map(|density| Problem::Tracks(single(bit), density));
+                    entries.push(self.entry(way, (problems[0].family(), None), &problems, targets, course)?);
+                }
+                let all: Vec<Problem> = (0..LED.len())
+                    .flat_map(|bit| DENSITIES.map(|density| Problem::Tracks(single(bit), density)))
+                    .collect();
+                entries.push(self.entry(way, ("average", None), &all, targets, course)?);
+                let cross = CROSS.map(|(joints, density)| Problem::Tracks(joints, density));
+                entries.push(self.entry(way, ("cross", None), &cross, targets, course)?);
+            }
+        }
+        Ok(entries)
     }
 
     /// What [`Strain`](motionette::refining::Strain) is worth as a warning: at several values, how many requests it speaks of, and how many of those
