@@ -78,11 +78,11 @@ function setTheme(name) {
 }
 
 const COLORS = { after: "--accent", before: "--before", alone: "--alone", robot: "--robot", reference: "--reference" };
-const SURROUNDED = scene.tracks.length + scene.obstacles.length > 0;
-const hasLayer = (id) => !!motions[id] || id === "trails" || id === "labels" || (id === "scene" && SURROUNDED);
+const SURROUNDINGS = [...(scene.tracks.length ? ["Tracks"] : []), ...(scene.obstacles.length ? ["Obstacles"] : [])];
+const hasLayer = (id) => !!motions[id] || id === "trails" || id === "labels" || (id === "scene" && SURROUNDINGS.length > 0);
 
 function buildToggles() {
-  const other = { trails: ["Trails", "--dim"], labels: ["Labels", "--target"], scene: ["Tracks, obstacles", "--fault"] };
+  const other = { trails: ["Trails", "--dim"], labels: ["Labels", "--target"], scene: [SURROUNDINGS.join(", "), "--fault"] };
   LAYERS.forEach((id, i) => {
     if (!hasLayer(id)) return;
     const [name, color] = other[id] || [motions[id].name, COLORS[id]];
@@ -161,7 +161,7 @@ function buildFigures() {
   drawStages($("stages"), scene.stages);
   $("trackbox").hidden = scene.tracks.length === 0;
   $("clearancebox").hidden = !scene.clearance;
-  if (SURROUNDED) markFollowing = drawFollowing();
+  if (SURROUNDINGS.length) markFollowing = drawFollowing();
   drawFeet($("feet"), motions.after);
   if (scene.intervals.length) markInterval = drawIntervals($("intervals"), scene.intervals);
   $("robotname").textContent = scene.robot.name;
