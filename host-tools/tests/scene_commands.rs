@@ -50,14 +50,15 @@ fn tracks_are_followed_and_the_rest_is_said() {
     let bench = bench();
     let (plain, text) = made(&bench, "--seconds 5");
     assert!(
-        plain["following"].is_null() && plain["planner_saw_tracks"].is_null() && !text.contains("tracks"),
+        plain["following"].is_null() && plain["planner_saw_tracks"].is_null() && !text.contains("off before"),
         "{text}"
     );
     let (figures, text) = made(&bench, "--seconds 5 --tracks tracks.json");
     let following = &figures["following"];
     assert_eq!((&following["tracks"], &following["obstacles"]), (&2.into(), &0.into()), "{figures}");
     let [before, after] = ["before", "after"].map(|when| &following[format!("track_error_{when}")]);
-    assert!(number(&after["mean_cm"]) < 0.1 * number(&before["mean_cm"]), "{figures}");
+    // A random motion is metres away, and no body is that fast.
+    assert!(number(&after["mean_cm"]) < 0.5 * number(&before["mean_cm"]), "{figures}");
     assert!(number(&after["mean_cm"]) <= number(&after["worst_cm"]) && after["worst_joint"].is_string(), "{figures}");
     assert_eq!(number(&after["worst_seconds"]), number(&after["worst_frame"]) / 20.0, "{figures}");
     assert!(following["clearance_after"].is_null() && following["positions_beyond_end"] == 0, "{figures}");
@@ -161,5 +162,8 @@ fn bad_files_are_named() {
     );
     let line = "generate --blob p.blob --text person --scene missing.json -o x";
     bench.fails(&line.split_whitespace().collect::<Vec<_>>(), &["cannot read missing.json"]);
-    bench.misused("export --bvh m.bvh --tracks tracks.json -o x.bvh", "--blob");
+    bench.misused(
+        "export --bvh m.bvh --tracks tracks.json -o x.bvh",
+        "'--bvh <FILE>' cannot be used with '--tracks <FILE>'",
+    );
 }

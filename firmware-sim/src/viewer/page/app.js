@@ -78,16 +78,16 @@ function setTheme(name) {
 }
 
 const COLORS = { after: "--accent", before: "--before", alone: "--alone", robot: "--robot", reference: "--reference" };
-const SURROUNDINGS = [...(scene.tracks.length ? ["Tracks"] : []), ...(scene.obstacles.length ? ["Obstacles"] : [])];
+const SURROUNDINGS = ["tracks", "obstacles"].filter((kind) => scene[kind].length);
 const hasLayer = (id) => !!motions[id] || id === "trails" || id === "labels" || (id === "scene" && SURROUNDINGS.length > 0);
 
 function buildToggles() {
-  const other = { trails: ["Trails", "--dim"], labels: ["Labels", "--target"], scene: [SURROUNDINGS.join(", "), "--fault"] };
+  const other = { trails: ["Trails", "--dim"], labels: ["Labels", "--target"], scene: [SURROUNDINGS.join(" and "), "--fault"] };
   LAYERS.forEach((id, i) => {
     if (!hasLayer(id)) return;
     const [name, color] = other[id] || [motions[id].name, COLORS[id]];
     const b = document.createElement("button");
-    b.innerHTML = `<i style="--swatch: var(${color})"></i>${name}`;
+    b.innerHTML = `<i style="--swatch: var(${color})"></i>${name[0].toUpperCase()}${name.slice(1)}`;
     b.dataset.layer = id;
     b.title = `${motions[id] ? motions[id].label : name} (${i + 1})`;
     b.setAttribute("aria-pressed", String(show[id]));

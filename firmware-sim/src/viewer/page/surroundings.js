@@ -112,15 +112,16 @@ function drawObstacle(obstacle, number, frame) {
     for (const [i, j] of EDGES) line(ctx, corners[i], corners[j]);
     top = add(p, [0, half[1], 0]);
   } else {
-    // Of a plane a patch, and which way is free.
-    const n = norm(half), u = norm(cross(n, Math.abs(n[1]) > 0.9 ? [1, 0, 0] : [0, 1, 0])), v = cross(n, u);
-    const at = (i, j) => add(add(p, u, i), v, j);
-    fillHull([at(-2, -2), at(2, -2), at(2, 2), at(-2, 2)]);
+    // Of a plane a patch, of a wall two metres above the floor, and which way is free.
+    const n = norm(half), flat = Math.abs(n[1]) > 0.9, u = norm(cross(n, flat ? [1, 0, 0] : [0, 1, 0])), v = cross(n, u);
+    const middle = flat ? p : add(p, v, (1 - p[1]) / v[1]), tall = flat ? 2 : 1 / Math.abs(v[1]);
+    const at = (i, j) => add(add(middle, u, i), v, j * tall);
+    fillHull([at(-2, -1), at(2, -1), at(2, 1), at(-2, 1)]);
     ctx.strokeStyle = rgba(color, 0.35);
-    for (let k = -2; k <= 2; k++) { line(ctx, at(k, -2), at(k, 2)); line(ctx, at(-2, k), at(2, k)); }
+    for (let k = -2; k <= 2; k++) { line(ctx, at(k, -1), at(k, 1)); line(ctx, at(-2, k / 2), at(2, k / 2)); }
     ctx.strokeStyle = rgba(color, 0.85);
-    line(ctx, p, add(p, n, 0.4));
-    top = p;
+    line(ctx, middle, add(middle, n, 0.4));
+    top = middle;
   }
   // Its way, if it moves.
   if (obstacle.middles.length > 1) {
