@@ -14,6 +14,9 @@ const FASTEST: f32 = 10_000.0;
 /// A frame that is no farther from a position than this share of their distance is at the position: times are decimal, frames are not.
 const NEAR: f64 = 1e-6;
 
+/// Positions; none where the joint is free.
+type Places = Vec<Option<[f32; 3]>>;
+
 /// Where a joint is to be, a frame at a time, with its positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OwnedTrack {
@@ -62,7 +65,7 @@ pub(super) fn track(entry: &Entry, index: usize, frame_rate: u16) -> Result<Owne
     let first = entries::frame(time, frame, frame_rate).map_err(fault)?;
     let positions = positions.ok_or(missing("positions", r#""positions": [[x, y, z], ...], one a frame"#))?;
     let places = places(positions).map_err(fault)?;
-    let mask = mask.map(|mask| counts(mask)).transpose().map_err(fault)?;
+    let mask = mask.map(counts).transpose().map_err(fault)?;
     if let Some(mask) = mask.as_ref().filter(|mask| mask.len() != places.len()) {
         return Err(Error::Mask { index, found: mask.len(), positions: places.len() });
     }
@@ -103,7 +106,7 @@ pub(super) fn track(entry: &Entry, index: usize, frame_rate: u16) -> Result<Owne
 }
 
 /// Positions; none for `null`.
-fn places(value: &Node) -> Result<Vec<Option<[f32; 3]>>, Fault> {
+fn places(value: &Node) -> Result<Places, Fault> {
     const EXPECTED: &str = "a list of positions, each [x, y, z] or null";
     let list = value.as_list().ok_or_else(|| entries::wrong("positions", EXPECTED, value))?;
     let place = |node: &Node| {
@@ -145,7 +148,7 @@ fn resampled(
     places: &[Option<[f32; 3]>],
     (start, rate): (f64, f64),
     frame_rate: u16,
-) -> Result<(u64, Vec<Option<[f32; 3]>>), Error> {
+) -> Result<(u64, Places), Error> {
     let frames = f64::from(frame_rate.max(1));
     let end = (start + (places.len() - 1) as f64 / rate) * frames;
     let [first, last] = [(start * frames - NEAR).ceil(), (end + NEAR).floor()];
@@ -167,7 +170,7 @@ fn resampled(
     };
     // As integers: a range of floats is none.
     let (first, count) = (first as u64, (last - first + 1.0).max(0.0) as u64);
-    let places: Vec<_> = (first..first + count).map(at).collect();
+    let places: Places = (first..first + count).map(at).collect();
     if places.iter().all(Option::is_none) {
         return Err(Error::BetweenFrames { index, frame_rate });
     }
