@@ -7,9 +7,9 @@ use crate::planners::{self, Checkpoints, Compared};
 use crate::report::{Parts, Report};
 use crate::robot::{Kind, Played, Stage};
 use crate::sample_clips;
-use crate::session::{self, Outcome};
+use crate::session::{self, Conditions, Outcome};
 use crate::source::{self, Content, Source};
-use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownStage};
+use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownStage, Surroundings};
 use anyhow::{Context, bail};
 use clap::Args;
 use motionette::generation::tokens::{Length, Planning};
@@ -17,15 +17,17 @@ use motionette::playback::Robot;
 use motionette::refining::{Config, Exact};
 use motionette::representation::skeleton::{NAMES, PARENTS};
 use motionette::request::conditions::AnchorSet;
-use motionette::{Anchor, Model, Request};
+use motionette::{Anchor, Model, Obstacle, Request, Track};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::TokenizerCheckpoint;
 use motionette_host::cli::Refinement;
 use motionette_host::console::say;
+use motionette_host::followed::{self, Following};
 use motionette_host::motion::{Pose, narrowed, widened};
 use motionette_host::reference::bridge::reference_anchor;
 use motionette_host::reference::{self, DecodePath, motion_space};
+use motionette_host::scene_file::{self, OwnedObstacle, OwnedTrack};
 use motionette_host::{anchors_file, export, output, robot_file};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -62,7 +64,13 @@ pub struct Cmd {
     /// Anchors (docs/anchors.md); none, or those of a bundled motion, if nothing is said.
     #[arg(long, value_name = "FILE.json")]
     anchors: Option<PathBuf>,
-    /// Plan as if there were no anchors and only bend the motion onto them.
+    /// Where joints are to be at many frames (docs/tracks.md).
+    #[arg(long, value_name = "FILE.json")]
+    tracks: Option<PathBuf>,
+    /// What the body keeps clear of (docs/obstacles.md).
+    #[arg(long, value_name = "FILE.json")]
+    scene: Option<PathBuf>,
+    /// Plan as if there were no anchors and tracks, and only bend the motion onto them.
     #[arg(long, conflicts_with_all = ["clip", "bvh"])]
     unconditioned: bool,
     /// off, exact (edited behind the decoder, feet planted; exact:free-feet without), fast:N (N decoder evaluations), fast:N+exact (both),
@@ -116,9 +124,9 @@ fn rigid(model: &Model<'_>, motion: &[Pose]) -> Vec<Pose> {
     narrowed(&reference::rigid::Body::new(&offsets).posed(&widened(motion)))
 }
 
-/// Whether there is anything to refine: anchors, or feet that stay where they stand.
-fn refines(config: Config, anchors: &[Anchor]) -> bool {
-    !anchors.is_empty() || config.exact.is_some_and(|exact| exact.planted)
+/// Whether there is anything to refine: anchors, tracks, obstacles, or feet that stay where they stand.
+fn refines(config: Config, conditions: &Conditions<'_>) -> bool {
+    !conditions.anchors.is_empty() || conditions.has_rows() || config.exact.is_some_and(|exact| exact.planted)
 }
 
 /// A motion edited by the reference.
@@ -150,6 +158,9 @@ impl Cmd {
         let model = blob.model()?;
         let source = self.source(&checkpoint, &model)?;
         let robot = robot_file::load(&self.robot).context("reading the robot")?;
+        let tracks: Vec<Track<'_>> = source.tracks.iter().map(OwnedTrack::borrowed).collect();
+        let obstacles: Vec<Obstacle<'_>> = source.obstacles.iter().map(OwnedObstacle::borrowed).collect();
+        let conditions = &Conditions { anchors: &source.anchors, tracks: &tracks, obstacles: &obstacles };
 
         say(&format!("{}: {}", source.name, source.caption));
         for note in &source.notes {
@@ -157,7 +168,7 @@ impl Cmd {
         }
         let config = self.refinement.0.map(|config| Config { seed: self.seed as u32, ..config });
         let bar = motionette_host::cli::bar(u64::from(config.map_or(0, |c| c.evaluations)), "decoder evaluations");
-        let motions = self.motions(&model, &source, config)?;
+        let motions = self.motions(&model, &source, conditions, config)?;
         bar.finish_and_clear();
         let after = &motions.after;
         let plan = match &source.content {
@@ -177,20 +188,27 @@ impl Cmd {
         let plain = session::run(&model, &Request::embeddings(&after.u).unrefined(), |_| ())?;
         let mut agreement = Agreement::default();
         agreement.add(&source.name, &plain.joints, &reference);
-        let refined = config.filter(|config| refines(*config, &source.anchors));
-        if let Some(exact) = refined.and_then(|config| config.exact) {
+        let refined = config.filter(|config| refines(*config, conditions));
+        if let Some(exact) = refined.and_then(|config| config.exact).filter(|_| !conditions.has_rows()) {
             reference = edited(&reference, &source.anchors, exact, model.frame_rate());
         }
         let reference_ms = started.elapsed().as_secs_f64() * 1e3;
         let Some(agreement) = agreement.clips.first() else { bail!("the motion has no frames") };
 
-        let played = self.play(&robot, &model, &source, config, after)?;
-        let unseen = plan.is_some() && after.unconditioned_anchors > 0;
+        let played = self.play(&robot, &model, (&source, conditions), config, after)?;
+        let unseen = after.unconditioned_anchors > 0 || !tracks.is_empty() && !after.conditioned;
+        let unseen = plan.is_some() && unseen;
         let unconditioned_because = match unseen {
             true if self.unconditioned => Some("--unconditioned".to_owned()),
-            true => Some(blob.unconditioned_because(after.steps.len() > self.steps.into())?),
+            true => match followed::unseen_because(&tracks).filter(|_| source.anchors.is_empty()) {
+                Some(why) => Some(why.to_owned()),
+                None => Some(blob.unconditioned_because(after.steps.len() > self.steps.into())?),
+            },
             false => None,
         };
+        let edited = after.refinement.and_then(|report| report.edited);
+        let followed = edited.as_ref().and_then(|edited| edited.followed.as_ref());
+        let following = Following::of(followed, (&tracks, &obstacles), after.joints.len(), after.frame_rate);
         let report = Report::from(&Parts {
             clip: &source.name,
             caption: &source.caption,
@@ -199,12 +217,13 @@ impl Cmd {
             unknown_words: plan.as_ref().map_or_else(Vec::new, Compared::unknown),
             planner_token_agreement: plan.as_ref().map(|plan| plan.agreement),
             anchors: &source.anchors,
+            following,
             unconditioned_because,
             alone: motions.alone.as_ref(),
             before: &motions.before,
             after,
             refinement: self.refinement,
-            refined: config.is_some_and(|config| refines(config, &source.anchors)),
+            refined: config.is_some_and(|config| refines(config, conditions)),
             skeleton: model.skeleton(),
             agreement,
             reference_ms,
@@ -215,7 +234,7 @@ impl Cmd {
             say(&format!("  {label:28}{value}"));
         }
         self.write(
-            &Results { source: &source, motions: &motions, plan: plan.as_ref(), played: &played },
+            &Results { source: &source, conditions, motions: &motions, plan: plan.as_ref(), played: &played },
             &reference,
             &report,
         )?;
@@ -227,19 +246,27 @@ impl Cmd {
     }
 
     /// The request's motion and those that show what each stage did to it.
-    fn motions(&self, model: &Model<'_>, source: &Source, config: Option<Config>) -> anyhow::Result<Motions> {
+    fn motions(
+        &self,
+        model: &Model<'_>,
+        source: &Source,
+        conditions: &Conditions<'_>,
+        config: Option<Config>,
+    ) -> anyhow::Result<Motions> {
         let request = self.request(model, source);
-        let through = session::through(request, &source.anchors, config);
+        let through = session::through(request, conditions, config);
         let after = session::run(model, &through, |_| ()).with_context(|| self.hint(source))?;
         // Where something is refined the same tokens are decoded as they are.
-        let before = match config.is_some_and(|config| refines(config, &source.anchors)) {
+        let before = match config.is_some_and(|config| refines(config, conditions)) {
             false => after.clone(),
             true => session::run(model, &Request::tokens(&after.tokens).unrefined(), |_| ())?,
         };
-        let distinct = AnchorSet::new(&source.anchors, after.joints.len())?.len();
+        let distinct = AnchorSet::new(conditions.anchors, after.joints.len())?.len();
+        let seen = usize::from(after.unconditioned_anchors) < distinct;
+        let seen = seen || !conditions.tracks.is_empty() && after.conditioned;
         // Anchors may have made a motion of predicted length longer: it is to be compared frame by frame.
         let same_length = Length::Tokens((after.tokens.len() / model.codebooks().quantizers().max(1)) as u16);
-        let alone = match usize::from(after.unconditioned_anchors) < distinct {
+        let alone = match seen {
             true => Some(session::run(model, &request.length(same_length), |_| ())?),
             false => None,
         };
@@ -251,14 +278,14 @@ impl Cmd {
         &self,
         robot: &Robot,
         model: &Model<'_>,
-        source: &Source,
+        (source, conditions): (&Source, &Conditions<'_>),
         config: Option<Config>,
         after: &Outcome,
     ) -> anyhow::Result<Played> {
         let mut faults = self.faults.clone();
         faults.sort_unstable();
         faults.dedup();
-        let request = session::through(self.request(model, source), &source.anchors, config);
+        let request = session::through(self.request(model, source), conditions, config);
         let stage = Stage {
             robot,
             model,
@@ -287,6 +314,10 @@ impl Cmd {
                 source::recording(path, &self.recording.reading()?, checkpoint, model.max_tokens())?
             }
             (None, None, Some(name)) => source::bundled(Some(name), model.frame_rate())?,
+            // Its anchors might contradict tracks and obstacles of the user's own.
+            (None, None, None) if self.tracks.is_some() || self.scene.is_some() => {
+                source::prompt(source::DEFAULT_PROMPT)
+            }
             (None, None, None) => source::default_job(model.frame_rate())?,
         };
         if let Some(path) = &self.anchors {
@@ -304,6 +335,14 @@ impl Cmd {
             source.notes.extend(far.iter().map(|far| format!("warning: {far}")));
             source.anchors = anchors_file::distinct(&source.anchors);
         }
+        if let Some(path) = &self.tracks {
+            source.tracks = scene_file::read_tracks(path, model.frame_rate())
+                .with_context(|| format!("reading the tracks in {}", path.display()))?;
+        }
+        if let Some(path) = &self.scene {
+            source.obstacles = scene_file::read_scene(path, model.frame_rate())
+                .with_context(|| format!("reading the scene in {}", path.display()))?;
+        }
         Ok(source)
     }
 
@@ -312,7 +351,8 @@ impl Cmd {
     }
 
     fn planning(&self, model: &Model<'_>) -> Planning<'static> {
-        let default = if self.text.is_none() && self.anchors.is_none() { Some(5.0) } else { None };
+        let asked = self.anchors.is_some() || self.tracks.is_some();
+        let default = if self.text.is_none() && !asked { Some(5.0) } else { None };
         let length = match self.seconds.or(default) {
             Some(s) => Length::Frames(self.frames(s, model).try_into().unwrap_or(u16::MAX)),
             None => Length::Predicted,
@@ -333,7 +373,7 @@ impl Cmd {
     }
 
     fn write(&self, results: &Results<'_>, reference: &[Pose], report: &Report) -> anyhow::Result<()> {
-        let Results { source, motions, plan, played } = *results;
+        let Results { source, conditions, motions, plan, played } = *results;
         let Motions { alone, before, after } = motions;
         std::fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot make the folder {}; give another one with --out", self.out.display()))?;
@@ -341,21 +381,27 @@ impl Cmd {
         for (name, motion) in [("before.bvh", &before.joints), ("motion.bvh", &after.joints)] {
             output::write_atomic(self.out.join(name), |file| export::bvh::write_bvh(motion, frame_time, file))?;
         }
-        let mut shown = vec![Shown::new("after", "Refined", "bent onto the anchors", &after.joints)];
+        let bent = if conditions.has_rows() { "as it was edited" } else { "bent onto the anchors" };
+        let mut shown = vec![Shown::new("after", "Refined", bent, &after.joints)];
         shown.push(match plan {
             None => Shown::new("before", "As given", "as the tokens say, before refinement", &before.joints),
             Some(_) => Shown::new("before", "Generated", "as it was planned, before refinement", &before.joints),
         });
         if let Some(alone) = alone {
-            let label = "what the planner makes when it does not see the anchors";
+            let label = "what the planner makes when it does not see where the motion is to pass";
             shown.push(Shown::new("alone", "Prompt alone", label, &alone.joints));
         }
         let label = "what the servos made of the refined motion, by forward kinematics";
         shown.push(Shown::new("robot", "Robot", label, &played.body));
-        shown.push(Shown::new("reference", "Reference", "f32 reference of the refined embeddings", reference));
+        let label = match conditions.has_rows() {
+            true => "f32 reference in front of the edit, which knows neither tracks nor obstacles",
+            false => "f32 reference of the refined embeddings",
+        };
+        shown.push(Shown::new("reference", "Reference", label, reference));
         let tolerance = self.refinement.0.unwrap_or_default().tolerance;
         let compared: [&[Pose]; 2] = [&before.joints, &after.joints];
         let intervals = intervals::of(&source.anchors, report.tokens, &compared, &tolerance)?;
+        let around = Surroundings { conditions, frame_rate: after.frame_rate };
         let scene = Scene {
             title: source.name.clone(),
             caption: source.caption.clone(),
@@ -374,6 +420,9 @@ impl Cmd {
             anchors: report.anchor_errors.clone(),
             note: report.unconditioned_because.as_ref().map(|_| format!("The planner saw {}.", report.seen())),
             intervals,
+            tracks: around.tracks(compared),
+            obstacles: around.obstacles(after.joints.len()),
+            clearance: around.clearance(compared),
             robot: &played.shown,
             refinement: report.refinement.clone(),
             curve: curve(&after.errors),
@@ -396,6 +445,7 @@ impl Cmd {
 #[derive(Clone, Copy)]
 struct Results<'r> {
     source: &'r Source,
+    conditions: &'r Conditions<'r>,
     motions: &'r Motions,
     plan: Option<&'r Compared>,
     played: &'r Played,

@@ -7,6 +7,7 @@ use motionette::{Anchor, JOINTS, Target};
 use motionette_host::agreement::ClipAgreement;
 use motionette_host::cli::Refinement;
 use motionette_host::console::strained;
+use motionette_host::followed::Following;
 use motionette_host::metrics;
 use serde::Serialize;
 
@@ -56,6 +57,8 @@ pub struct Report {
     pub control_error_after_cm: f64,
     /// The same for each anchor.
     pub anchor_errors: Vec<AnchorErrors>,
+    /// What came of tracks and obstacles; null without them.
+    pub following: Option<Following>,
     /// Decoder evaluations of the refinement, line-search trials included.
     pub decoder_evaluations: u16,
     /// Decoder gradients of the refinement.
@@ -173,13 +176,20 @@ impl Report {
                 format!("{} steps, {agreement:.1} % of tokens proposed as by the reference", self.planner_steps),
             ));
         }
+        if self.prompt.is_some() && (self.anchors > 0 || self.tracks() > 0) {
+            lines.push(line("planner saw", self.seen()));
+        }
         if self.anchors > 0 {
-            if self.prompt.is_some() {
-                lines.push(line("planner saw", self.seen()));
-            }
             let errors =
                 (self.control_error_unconditioned_cm, self.control_error_before_cm, self.control_error_after_cm);
             lines.push(line("control error", format!("{}, {} anchors", self.by_stage(errors), self.anchors)));
+        }
+        if let Some(following) = &self.following {
+            lines.extend(following.lines().into_iter().map(|(of, text)| line(of, text)));
+            // As in "warning: the scene could not be cleared".
+            let notes = following.notes();
+            let notes = notes.iter().filter_map(|note| note.split_once(": "));
+            lines.extend(notes.map(|(kind, text)| line(kind, text.to_owned())));
         }
         if self.refined() {
             let name = self.refinement.as_deref().unwrap_or_default();
@@ -196,7 +206,9 @@ impl Report {
                 lines.push(line("edited behind the decoder", format!("{rounds} rounds{loose}")));
             }
             if let (Some(strain), Some(anchor)) = (self.strain, self.strained_by) {
-                lines.push(line("strain", strained(strain, &format!("anchor {}", anchor + 1))));
+                let hardest = self.following.as_ref().and_then(Following::hardest).filter(|_| self.anchors == 0);
+                let around = hardest.map_or_else(|| format!("anchor {}", anchor + 1), |frame| format!("frame {frame}"));
+                lines.push(line("strain", strained(strain, &around)));
             }
             lines.push(line("distance |u - u0|", format!("{:.2}", self.du)));
         }
@@ -262,14 +274,25 @@ impl Report {
         format!("{alone}{before:.2} cm {}{after}", self.made())
     }
 
-    /// What the planner saw of the anchors.
+    /// Tracks.
+    fn tracks(&self) -> usize {
+        self.following.as_ref().map_or(0, |following| following.tracks)
+    }
+
+    /// What the planner saw of anchors and tracks.
     #[must_use]
     pub fn seen(&self) -> String {
         let because = self.unconditioned_because.as_deref().unwrap_or_default();
+        let what = match (self.anchors > 0, self.tracks() > 0) {
+            (true, false) => "anchors",
+            (true, true) => "anchors and places of the tracks",
+            (false, _) => "places of the tracks",
+        };
         match (self.planner_conditioned, self.unconditioned_anchors) {
+            (true, 0) if self.tracks() > 0 => format!("{what}, up to 32 in all"),
             (true, 0) => "all anchors".to_owned(),
-            (true, count) => format!("all anchors but {count}: {because}"),
-            (false, _) => format!("no anchors: {because}"),
+            (true, count) => format!("all {what} but {count}: {because}"),
+            (false, _) => format!("no {what}: {because}"),
         }
     }
 
@@ -317,6 +340,8 @@ pub struct Parts<'p> {
     pub planner_token_agreement: Option<f64>,
     /// The anchors.
     pub anchors: &'p [Anchor],
+    /// What came of tracks and obstacles.
+    pub following: Option<Following>,
     /// Why the planner did not see some of them.
     pub unconditioned_because: Option<String>,
     /// The motion of the prompt alone, where the planner of the others saw anchors.
@@ -374,6 +399,7 @@ impl From<&Parts<'_>> for Report {
             control_error_before_cm: error(before),
             control_error_after_cm: error(after),
             anchor_errors: parts.anchors.iter().map(errors).collect(),
+            following: parts.following.clone(),
             decoder_evaluations: after.refinement.map_or(0, |r| r.evaluations),
             decoder_gradients: after.refinement.map_or(0, |r| r.gradients),
             edit_rounds: edited.map(|edited| edited.rounds),

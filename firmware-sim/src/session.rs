@@ -1,6 +1,8 @@
 //! One request through the runtime in one static buffer, watched: timings, memory, control-error curve.
 
-use motionette::{Anchor, Error, Generator, JOINTS, Model, Motion, Observer, Plan, Progress, Request, Stage, Stop};
+use motionette::{
+    Anchor, Error, Generator, JOINTS, Model, Motion, Observer, Obstacle, Plan, Progress, Request, Stage, Stop, Track,
+};
 use motionette_host::console;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -60,6 +62,8 @@ pub struct Outcome {
     pub understood: Option<String>,
     /// Distinct anchors that the planner did not see.
     pub unconditioned_anchors: u16,
+    /// Whether the planner saw some of what the motion is to meet: anchors, or places of tracks.
+    pub conditioned: bool,
     /// What the refinement did; `None` without one.
     pub refinement: Option<motionette::refining::Report>,
     /// Mean control error of each decoder evaluation, metres, in order.
@@ -104,6 +108,7 @@ pub fn run(model: &Model<'_>, request: &Request<'_>, report: fn(&Progress)) -> R
             unknown_words: motion.unknown_words(),
             understood: console::understood(model, &motion),
             unconditioned_anchors: motion.unconditioned_anchors(),
+            conditioned: plan.planning.anchors > 0 && !motion.parted(),
             refinement: motion.refinement,
             errors: watch.errors,
             planning: refining - watch.started,
@@ -131,12 +136,32 @@ pub fn distance(u: &[f32], u0: &[f32]) -> f64 {
     u.iter().zip(u0).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>().sqrt()
 }
 
-/// `request` through `anchors`, with this refinement.
+/// What a motion is to meet.
+#[derive(Debug, Clone, Copy)]
+pub struct Conditions<'r> {
+    /// Where it passes.
+    pub anchors: &'r [Anchor],
+    /// Where joints are at many frames.
+    pub tracks: &'r [Track<'r>],
+    /// What the body keeps clear of.
+    pub obstacles: &'r [Obstacle<'r>],
+}
+
+impl Conditions<'_> {
+    /// Whether any of them is met by the edit alone: the reference knows neither tracks nor obstacles.
+    #[must_use]
+    pub const fn has_rows(&self) -> bool {
+        !self.tracks.is_empty() || !self.obstacles.is_empty()
+    }
+}
+
+/// `request` through its conditions, with this refinement.
 #[must_use]
 pub fn through<'r>(
     request: Request<'r>,
-    anchors: &'r [Anchor],
+    conditions: &Conditions<'r>,
     refinement: Option<motionette::refining::Config>,
 ) -> Request<'r> {
-    Request { refinement, ..request.anchors(anchors) }
+    let request = request.anchors(conditions.anchors).tracks(conditions.tracks).obstacles(conditions.obstacles);
+    Request { refinement, ..request }
 }

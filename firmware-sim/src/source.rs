@@ -8,6 +8,7 @@ use motionette_host::import::bvh::{self, Reading};
 use motionette_host::motion::{FEATURES, Pose, features};
 use motionette_host::reference::Tokenizer;
 use motionette_host::reference::bridge::runtime_token;
+use motionette_host::scene_file::{OwnedObstacle, OwnedTrack};
 use std::path::Path;
 
 /// What the motion comes from.
@@ -30,6 +31,10 @@ pub struct Source {
     pub content: Content,
     /// Anchors that come with it.
     pub anchors: Vec<Anchor>,
+    /// Where joints are to be at many frames.
+    pub tracks: Vec<OwnedTrack>,
+    /// What the body keeps clear of.
+    pub obstacles: Vec<OwnedObstacle>,
     /// The recording itself, where there is one.
     pub recorded: Option<Vec<Pose>>,
     /// What the user should know about how it was read.
@@ -47,6 +52,8 @@ pub fn prompt(text: &str) -> Source {
         caption: text.to_owned(),
         content: Content::Prompt(text.to_owned()),
         anchors: Vec::new(),
+        tracks: Vec::new(),
+        obstacles: Vec::new(),
         recorded: None,
         notes: Vec::new(),
     }
@@ -77,6 +84,8 @@ pub fn bundled(id: Option<&str>, frame_rate: u16) -> anyhow::Result<Source> {
         caption: clip.caption.clone(),
         content: Content::Tokens(clip.tokens.clone()),
         anchors: clip.anchors(frame_rate)?,
+        tracks: Vec::new(),
+        obstacles: Vec::new(),
         recorded: None,
         notes: Vec::new(),
     })
@@ -112,6 +121,8 @@ pub fn recording(
         name,
         content: Content::Tokens(ids.into_iter().map(runtime_token).collect()),
         anchors: Vec::new(),
+        tracks: Vec::new(),
+        obstacles: Vec::new(),
         recorded: Some(processed.joints[..frames].to_vec()),
         notes,
     })

@@ -17,6 +17,9 @@
 //! | [`servos`] | what a robot's servos make of a motion |
 //! | [`robot_file`] | `robot.toml`: servos, what they follow and what they may do |
 //! | [`anchors_file`] | `anchors.json`: where the motion must pass |
+//! | [`scene_file`] | tracks, where joints are at many frames, and obstacles, which the figure keeps clear of |
+//! | [`followed`] | what came of tracks and obstacles, as figures and in words |
+//! | [`entries`] | lists of objects in JSON files, read so that complaints name entry and field |
 //! | [`metrics`] | figures of a motion: jerk, foot skating, joint errors, control error |
 //! | [`agreement`] | how far two motions are apart |
 //! | [`mod@detect`] | what a body was seen to do, from joints alone |
@@ -41,7 +44,9 @@ pub mod convert;
 pub mod dataset;
 pub mod detect;
 pub mod device;
+pub mod entries;
 pub mod export;
+pub mod followed;
 pub mod import;
 pub mod input;
 pub mod inspect;
@@ -52,5 +57,6 @@ pub mod parallel;
 pub mod plan;
 pub mod reference;
 pub mod robot_file;
+pub mod scene_file;
 pub mod servos;
 pub mod verify;

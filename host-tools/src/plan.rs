@@ -126,6 +126,8 @@ pub struct Report {
     pub frames: usize,
     /// Anchors of the largest request.
     pub anchors: usize,
+    /// Joints of the largest request that have rows at many frames, for tracks and obstacles.
+    pub tracked: usize,
     /// Rows that pass through a layer at a time.
     pub rows: usize,
     /// Planning of the largest request; `None` for requests that bring their tokens, or without a planner.
@@ -139,6 +141,8 @@ pub struct Report {
     pub ram_bytes: usize,
     /// The arena by purpose; the sum is `arena_bytes`.
     pub arena: Vec<Share>,
+    /// Bytes of the edit behind the decoder, in the place of the solver's.
+    pub edit_bytes: usize,
     /// Bytes of the blob.
     pub flash_bytes: usize,
     /// The blob by section; the sum is `flash_bytes`.
@@ -157,7 +161,7 @@ pub struct Report {
     pub self_test: String,
 }
 
-/// Plans the largest request of `tokens` tokens and `anchors` anchors. `tokens`, and the words of `planning`, are cut to what the model
+/// Plans the largest request of `tokens` tokens, `anchors` anchors and `tracked` joints with rows at many frames. `tokens`, and the words of `planning`, are cut to what the model
 /// allows; a model without a planner plans nothing.
 ///
 /// # Errors
@@ -165,7 +169,7 @@ pub struct Report {
 pub fn plan(
     blob: &BlobFile,
     tokens: usize,
-    anchors: usize,
+    (anchors, tracked): (usize, usize),
     refinement: Config,
     planning: Option<planning::PlanningLimits>,
     rows: usize,
@@ -174,11 +178,11 @@ pub fn plan(
     let (tokens, rows) = (tokens.clamp(1, model.max_tokens()), rows.clamp(LEAST_ROWS, MOST_ROWS));
     let planning = planning.filter(|_| model.planning().is_some()).map(|limits| {
         let most = model.text().map_or(1, |t| t.max_words());
-        let anchors = limits.anchors && anchors > 0 && model.control().is_some();
+        let anchors = limits.anchors && anchors + tracked > 0 && model.control().is_some();
         let words = if model.vector_width().is_some() { 0 } else { limits.words.clamp(1, most) };
         planning::PlanningLimits { words, anchors, ..limits }
     });
-    let plan = Plan::for_request(&model, &Limits { tokens, anchors, tracked: 0, refinement, planning, rows })?;
+    let plan = Plan::for_request(&model, &Limits { tokens, anchors, tracked, refinement, planning, rows })?;
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
     let mut arena = vec![
         share("tokens", plan.token_bytes),
@@ -199,6 +203,7 @@ pub fn plan(
         tokens,
         frames: tokens * model.frames_per_token(),
         anchors,
+        tracked,
         rows,
         planning: planning.map(|limits| Planning {
             words: limits.words,
@@ -222,6 +227,7 @@ pub fn plan(
         arena_bytes: plan.arena_bytes,
         ram_bytes: plan.arena_bytes + size_of::<Generator<'_>>(),
         arena,
+        edit_bytes: plan.edit_bytes,
         flash_bytes: blob.bytes().len(),
         flash: flash(blob)?,
         evaluations: plan.evaluations,
@@ -339,6 +345,7 @@ pub fn model_rs(report: &Report, blob_path: &str) -> String {
         tokens,
         frames,
         anchors,
+        tracked,
         rows,
         solver_evaluations,
         arena_bytes,
@@ -377,6 +384,8 @@ pub const TOKENS: usize = {tokens};
 pub const FRAMES: usize = {frames};
 /// Largest request: anchors.
 pub const ANCHORS: usize = {anchors};
+/// Largest request: joints with rows at many frames, for tracks and obstacles.
+pub const TRACKED: usize = {tracked};
 /// Largest request: decoder evaluations of the solver.
 pub const EVALUATIONS: u16 = {solver_evaluations};
 /// Rows at a time, which the generator is to be told where they are not 8: `generator.set_rows(ROWS)`.

@@ -5,6 +5,7 @@
 
 #[cfg(test)]
 mod contrast;
+mod surroundings;
 
 use crate::intervals::Interval;
 use crate::report::AnchorErrors;
@@ -14,17 +15,20 @@ use base64::engine::general_purpose::STANDARD;
 use motionette_host::motion::{Pose, widened};
 use motionette_host::reference;
 use serde::Serialize;
+pub use surroundings::{Clearances, ShownObstacle, ShownTrack, Surroundings};
 
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/style.css");
 /// Scripts in the order in which they build on one another.
-const SCRIPTS: [&str; 11] = [
+const SCRIPTS: [&str; 13] = [
     include_str!("page/scene.js"),
     include_str!("page/camera.js"),
     include_str!("page/body.js"),
+    include_str!("page/surroundings.js"),
     include_str!("page/stage.js"),
     include_str!("page/labels.js"),
     include_str!("page/chart.js"),
+    include_str!("page/overtime.js"),
     include_str!("page/tokens.js"),
     include_str!("page/intervals.js"),
     include_str!("page/feet.js"),
@@ -136,6 +140,12 @@ pub struct Scene<'s> {
     pub note: Option<String>,
     /// The intervals between them, with their activities at the motion as generated and as refined.
     pub intervals: Vec<Interval>,
+    /// Where joints were to be at many frames.
+    pub tracks: Vec<ShownTrack>,
+    /// What the body was to keep clear of.
+    pub obstacles: Vec<ShownObstacle>,
+    /// How clear of it the motions are; `None` without obstacles.
+    pub clearance: Option<Clearances>,
     /// The robot that played it.
     pub robot: &'s ShownRobot,
     /// How anchors were met; nothing where none were.

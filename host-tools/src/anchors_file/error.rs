@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use motionette::Joint;
 use motionette::request::conditions::AnchorError;
 
+use crate::entries::{Fault, Misformed};
 use crate::motion::skeleton;
 use crate::output;
 
@@ -190,12 +191,23 @@ fn seconds(frames: usize, frame_rate: u16) -> f64 {
 }
 
 impl Error {
-    /// The reader's complaint with its place taken out of the message.
-    pub(super) fn json(source: serde_json::Error) -> Self {
-        let (line, column) = (source.line(), source.column());
-        let message = source.to_string();
-        let place = format!(" at line {line} column {column}");
-        let message = message.strip_suffix(&place).unwrap_or(&message).to_owned();
+    /// A reader's complaint about the form.
+    pub(super) fn json(Misformed { line, column, message }: Misformed) -> Self {
         Self::Json { line, column, message }
+    }
+
+    /// What is wrong with a field of an anchor.
+    pub(super) fn of(index: usize, fault: Fault) -> Self {
+        match fault {
+            Fault::UnknownField { field, .. } => Self::UnknownField { index, field },
+            Fault::Repeated { field } => Self::Repeated { index, field },
+            Fault::NoTime => Self::NoTime { index },
+            Fault::TwoTimes => Self::TwoTimes { index },
+            Fault::Type { field, expected, found } => Self::Type { index, field, expected, found },
+            Fault::UnknownJoint { found } => Self::UnknownJoint { index, found },
+            Fault::NotFinite { field, value } => Self::NotFinite { index, field, value },
+            Fault::Negative { field, value } => Self::Negative { index, field, value },
+            Fault::TooLate { field, value, frame_rate } => Self::TooLate { index, field, value, frame_rate },
+        }
     }
 }

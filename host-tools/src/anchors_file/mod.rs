@@ -33,10 +33,10 @@ use motionette::request::conditions::{AnchorError, AnchorSet};
 use motionette::{Anchor, Joint, Target};
 use serde::Deserialize;
 
+use crate::entries::{self, Entry};
 use crate::input;
 use crate::motion::{FPS, skeleton};
 use crate::output;
-use entry::Entry;
 pub use error::Error;
 pub use reach::{OutOfReach, out_of_reach};
 
@@ -62,16 +62,8 @@ pub fn read(path: &Path, frame_rate: u16) -> Result<Vec<Anchor>, Error> {
 /// [`Error`], with line and column for text that is not JSON of this form and with the anchor's index (from 0) and field for content
 /// that makes no sense.
 pub fn parse(text: &str, frame_rate: u16) -> Result<Vec<Anchor>, Error> {
-    let text = text.trim_start_matches('\u{feff}');
-    // The derived reader would take a list as the fields without their names.
-    let before = &text[..text.len() - text.trim_start().len()];
-    if text[before.len()..].starts_with('[') {
-        let line = before.matches('\n').count() + 1;
-        let column = before.len() - before.rfind('\n').map_or(0, |end| end + 1) + 1;
-        return Err(Error::Json { line, column, message: "expected an object, found a list".into() });
-    }
-    let file: File = serde_json::from_str(text).map_err(Error::json)?;
-    file.anchors.iter().enumerate().map(|(index, entry)| entry.anchor(index, frame_rate)).collect()
+    let file: File = entries::parse(text).map_err(Error::json)?;
+    file.anchors.iter().enumerate().map(|(index, entry)| entry::anchor(entry, index, frame_rate)).collect()
 }
 
 /// [`check_at`] for a processed recording, which has [`FPS`] frames a second.

@@ -54,7 +54,8 @@ pub(super) struct Source {
     args: GenerateArgs,
     /// A recording to read instead of making a motion; brought to 20 frames a second.
     #[arg(long, value_name = "FILE", conflicts_with_all = [
-        "blob", "seconds", "seed", "steps", "schedule", "guidance", "sampling", "temperature", "top_k", "top_p", "unconditioned"
+        "blob", "seconds", "seed", "steps", "schedule", "guidance", "sampling", "temperature", "top_k", "top_p", "unconditioned",
+        "tracks", "scene"
     ])]
     bvh: Option<PathBuf>,
     #[command(flatten)]

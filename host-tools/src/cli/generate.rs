@@ -12,6 +12,7 @@ use super::model::grouped;
 use super::say;
 use crate::console::strained;
 use crate::export::bvh;
+use crate::followed::Following;
 use crate::metrics;
 use crate::output::write_atomic;
 
@@ -58,9 +59,11 @@ impl Cmd {
                 "note: {loosened} anchors ask for more speed than a body adds, and are met as far as it allows"
             ));
         }
-        let strain = edited.filter(|_| !anchors.is_empty()).map(|edited| edited.strain);
+        let asked = !anchors.is_empty() || made.following.is_some();
+        let strain = edited.filter(|_| asked).map(|edited| edited.strain);
         if let Some(strain) = strain.filter(|strain| strain.warns()) {
-            let frame = made.anchors.get(usize::from(strain.anchor)).map_or(0, |anchor| anchor.frame);
+            let anchor = made.anchors.get(usize::from(strain.anchor)).map(|anchor| anchor.frame);
+            let frame = anchor.or(made.following.as_ref().and_then(Following::hardest)).unwrap_or_default();
             say(&format!("strain {}", strained(strain.value, &format!("frame {frame}"))));
         }
         let [planning_macs, macs] = made.macs;
@@ -97,6 +100,8 @@ impl Cmd {
             "strain": strain.map(|Strain { value, anchor }| json!({"value": value, "anchor": anchor})),
             "edit_rounds": edited.map(|edited| edited.rounds),
             "loosened_anchors": loosened,
+            "following": made.following,
+            "planner_saw_tracks": made.saw_tracks,
             "rigid_mean_cm": 100.0 * rigid.mean,
             "rigid_largest_cm": 100.0 * rigid.largest,
             "hash": format!("{:016x}", made.hash),

@@ -3,23 +3,26 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use motionette::generation::tokens::{Length, Planning, Sampling, Schedule};
 use motionette::refining::Report;
 use motionette::request::prompt::{Prompt, PromptError};
 use motionette::text::words::{UNKNOWN, Words};
-use motionette::{Anchor, Generator, Model, Request};
+use motionette::{Anchor, Generator, Model, Obstacle, Request, Track, TrackError};
 
 use super::{Refinement, say};
 use crate::anchors_file;
 use crate::blob::BlobFile;
 use crate::console;
+use crate::followed::{self, Following};
 use crate::import::npy;
 use crate::metrics;
 use crate::motion::Pose;
+use crate::scene_file::{self, OwnedObstacle, OwnedTrack};
 
 /// The motion that is asked for. Commands say which of these they need.
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("places").multiple(true).args(["anchors", "tracks"])))]
 pub(super) struct GenerateArgs {
     /// The blob.
     #[arg(long, value_name = "FILE")]
@@ -63,8 +66,14 @@ pub(super) struct GenerateArgs {
     /// Where it must pass (docs/anchors.md).
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
-    /// Plan as if there were no anchors and only bend the motion onto them.
-    #[arg(long, requires = "anchors")]
+    /// Where joints are to be at many frames (docs/tracks.md).
+    #[arg(long, value_name = "FILE", requires = "blob")]
+    tracks: Option<PathBuf>,
+    /// What the body keeps clear of (docs/obstacles.md).
+    #[arg(long, value_name = "FILE", requires = "blob")]
+    scene: Option<PathBuf>,
+    /// Plan as if there were no anchors and tracks, and only bend the motion onto them.
+    #[arg(long, requires = "places")]
     unconditioned: bool,
     /// How anchors are met: off, exact (edited behind the decoder, and feet stay where they stand, with anchors and without),
     /// exact:free-feet, fast:N (N decoder evaluations), fast:N+exact (both), rs200 (as published); docs/anchors.md says more.
@@ -96,6 +105,10 @@ pub(super) struct Made {
     pub unconditioned: Option<(u16, String)>,
     /// What the refinement did.
     pub refinement: Option<Report>,
+    /// What came of tracks and obstacles; `None` without them.
+    pub following: Option<Following>,
+    /// Whether the planner saw places of the tracks; `None` without tracks.
+    pub saw_tracks: Option<bool>,
     /// How far the bone that is farthest from its length is from it, metres.
     pub bone_error: f64,
     /// Multiply-accumulates at most, of planning and of all.
@@ -142,7 +155,12 @@ impl GenerateArgs {
         warn_of_far(&anchors, model.frame_rate());
         let anchors = anchors_file::distinct(&anchors);
         let vector = self.prompt_vector.as_deref().map(npy::vector).transpose().context("reading the prompt")?;
+        let tracks = self.tracks(model.frame_rate())?;
+        let tracks: Vec<Track<'_>> = tracks.iter().map(OwnedTrack::borrowed).collect();
+        let obstacles = self.obstacles(model.frame_rate())?;
+        let obstacles: Vec<Obstacle<'_>> = obstacles.iter().map(OwnedObstacle::borrowed).collect();
         let request = self.request(&model, length, (&anchors, vector.as_deref()));
+        let request = request.tracks(&tracks).obstacles(&obstacles);
 
         // An arena of exactly the size that the request takes.
         let plan = Generator::new(blob.model()?, &mut [])
@@ -163,7 +181,26 @@ impl GenerateArgs {
         if let Some((count, why)) = &unconditioned {
             say(&format!("note: the planner did not see {count} of the anchors: {why}"));
         }
+        let saw_tracks = plan.planning.anchors > 0 && !motion.parted();
+        let saw_tracks = (!tracks.is_empty()).then_some(saw_tracks);
+        if saw_tracks == Some(false) && unconditioned.is_none() {
+            let why = match followed::unseen_because(&tracks) {
+                Some(why) if !self.unconditioned => why.to_owned(),
+                _ => self.unseen_because(&blob, motion.parted())?,
+            };
+            say(&format!("note: the planner did not see the tracks: {why}"));
+        }
+        let edited = motion.refinement.and_then(|report| report.edited);
+        let followed = edited.as_ref().and_then(|edited| edited.followed.as_ref());
+        let frames = motion.frames().len();
+        let following = Following::of(followed, (&tracks, &obstacles), frames, motion.frame_rate());
+        if let Some(following) = &following {
+            following.lines().iter().for_each(|(of, text)| say(&format!("{of} {text}")));
+            following.notes().iter().for_each(|note| say(note));
+        }
         Ok(Made {
+            following,
+            saw_tracks,
             frames: motion.frames().to_vec(),
             frame_rate: motion.frame_rate(),
             tokens: motion.tokens().to_vec(),
@@ -187,6 +224,20 @@ impl GenerateArgs {
         let read = |path| anchors_file::read(path, frame_rate);
         let anchors = self.anchors.as_deref().map(read).transpose().context("reading the anchors")?;
         Ok(anchors.unwrap_or_default())
+    }
+
+    /// Where joints are to be at many frames of a motion of `frame_rate` frames a second.
+    fn tracks(&self, frame_rate: u16) -> Result<Vec<OwnedTrack>> {
+        let read = |path| scene_file::read_tracks(path, frame_rate);
+        let tracks = self.tracks.as_deref().map(read).transpose().context("reading the tracks")?;
+        Ok(tracks.unwrap_or_default())
+    }
+
+    /// What the body keeps clear of.
+    fn obstacles(&self, frame_rate: u16) -> Result<Vec<OwnedObstacle>> {
+        let read = |path| scene_file::read_scene(path, frame_rate);
+        let obstacles = self.scene.as_deref().map(read).transpose().context("reading the scene")?;
+        Ok(obstacles.unwrap_or_default())
     }
 
     fn length(&self, model: &Model<'_>) -> Result<Length> {
@@ -231,8 +282,12 @@ impl GenerateArgs {
         if count == 0 {
             return Ok(None);
         }
-        let why = if self.unconditioned { "--unconditioned".to_owned() } else { blob.unconditioned_because(parted)? };
-        Ok(Some((count, why)))
+        Ok(Some((count, self.unseen_because(blob, parted)?)))
+    }
+
+    /// Why the planner did not see what the motion is to pass through.
+    fn unseen_because(&self, blob: &BlobFile, parted: bool) -> Result<String> {
+        Ok(if self.unconditioned { "--unconditioned".to_owned() } else { blob.unconditioned_because(parted)? })
     }
 
     /// A refusal with what could be asked for instead.
@@ -256,6 +311,9 @@ impl GenerateArgs {
             }
             motionette::Error::Planning(motionette::generation::tokens::PlanningError::NoPlanner) => {
                 "; convert it with --prior".to_owned()
+            }
+            motionette::Error::Tracks(TrackError::NotExact) => {
+                "; leave --refinement out, or give one that ends in exact".to_owned()
             }
             _ => String::new(),
         };

@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use motionette::generation::tokens::PlanningLimits;
 use motionette::refining::Config;
@@ -30,6 +30,10 @@ pub(super) struct Cmd {
     /// Anchors of the largest request; 0 plans for no refinement.
     #[arg(long, default_value_t = 4)]
     anchors: usize,
+    /// Joints with rows at many frames: those of tracks; beside tracks or obstacles those of anchors; with obstacles 6 at most to lead the
+    /// body out. 22 is enough for whatever is asked for.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    tracked: usize,
     /// Plan for anchors that the planner does not see, though the model could show it them.
     #[arg(long)]
     unconditioned: bool,
@@ -68,10 +72,18 @@ impl Cmd {
             0 => None,
             words => Some(PlanningLimits { words, steps, guided, anchors: !self.unconditioned, clauses: 1 }),
         };
-        let report = plan::plan(&blob, self.tokens, anchors, refinement, planning, usize::from(self.rows))?;
+        let edits = self.refinement.0.is_some_and(|config| config.exact.is_some());
+        ensure!(
+            edits || self.tracked == 0,
+            "tracks and obstacles are met by the edit behind the decoder, which {} leaves out; leave --refinement out, or give one \
+             that ends in exact",
+            self.refinement
+        );
+        let report =
+            plan::plan(&blob, self.tokens, (anchors, self.tracked), refinement, planning, usize::from(self.rows))?;
         say(&format!(
-            "{}: {} tokens, {} frames, {} anchors, {} solver evaluations",
-            report.model, report.tokens, report.frames, report.anchors, report.solver_evaluations
+            "{}: {} tokens, {} frames, {} anchors, {} joints with rows, {} solver evaluations",
+            report.model, report.tokens, report.frames, report.anchors, report.tracked, report.solver_evaluations
         ));
         if let Some(p) = &report.planning {
             let guidance = if p.guided { "on" } else { "off" };
@@ -89,6 +101,7 @@ impl Cmd {
             table("arena while tokens are planned", "bytes", &p.arena, p.bytes as u64);
         }
         table("arena", "bytes", &report.arena, report.arena_bytes as u64);
+        say(&format!("  {:<32}  {:>13} bytes", "of these the edit", grouped(report.edit_bytes as u64)));
         say(&format!("  {:<32}  {:>13} bytes", "with the generator object", grouped(report.ram_bytes as u64)));
         table("flash", "bytes", &report.flash, report.flash_bytes as u64);
         let pass = report.decoder_macs.iter().map(|s| s.amount).sum();

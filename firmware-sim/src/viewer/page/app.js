@@ -1,10 +1,10 @@
 // Ties the page together: playback, timeline, pointer and keyboard, figures.
 const player = { frame: 0, playing: false, speed: 1, follow: false, last: 0 };
 let dirty = true;
-// Mark the token, the interval and the servos' angles of a frame; set once there are any to show.
-let markToken = null, markInterval = null, markServos = null;
+// Mark the token, the interval, the servos' angles and the curves over time of a frame; set once there are any to show.
+let markToken = null, markInterval = null, markServos = null, markFollowing = null;
 // Layers by key 1, 2, ...; the motions among them are those that the scene has.
-const LAYERS = ["after", "before", "alone", "robot", "reference", "trails", "labels"];
+const LAYERS = ["after", "before", "alone", "robot", "reference", "trails", "labels", "scene"];
 const STAGES = ["alone", "before", "after"].filter((id) => motions[id]);
 const ICONS = { play: "M3 1.5v13l11-6.5z", pause: "M3 2h4v12H3zM9 2h4v12H9z" };
 
@@ -31,6 +31,7 @@ function syncControls() {
   if (markToken) markToken(f);
   if (markInterval) markInterval(f);
   if (markServos) markServos(f);
+  if (markFollowing) markFollowing(f);
   const lit = (i) => Math.abs(scene.anchors[i].frame - player.frame) < 1.5;
   document.querySelectorAll("#ticks button, #anchors tbody tr").forEach((e) => e.classList.toggle("now", lit(+e.dataset.anchor)));
 }
@@ -77,15 +78,16 @@ function setTheme(name) {
 }
 
 const COLORS = { after: "--accent", before: "--before", alone: "--alone", robot: "--robot", reference: "--reference" };
-const hasLayer = (id) => !!motions[id] || id === "trails" || id === "labels";
+const SURROUNDINGS = ["tracks", "obstacles"].filter((kind) => scene[kind].length);
+const hasLayer = (id) => !!motions[id] || id === "trails" || id === "labels" || (id === "scene" && SURROUNDINGS.length > 0);
 
 function buildToggles() {
-  const other = { trails: ["Trails", "--dim"], labels: ["Labels", "--target"] };
+  const other = { trails: ["Trails", "--dim"], labels: ["Labels", "--target"], scene: [SURROUNDINGS.join(" and "), "--fault"] };
   LAYERS.forEach((id, i) => {
     if (!hasLayer(id)) return;
     const [name, color] = other[id] || [motions[id].name, COLORS[id]];
     const b = document.createElement("button");
-    b.innerHTML = `<i style="--swatch: var(${color})"></i>${name}`;
+    b.innerHTML = `<i style="--swatch: var(${color})"></i>${name[0].toUpperCase()}${name.slice(1)}`;
     b.dataset.layer = id;
     b.title = `${motions[id] ? motions[id].label : name} (${i + 1})`;
     b.setAttribute("aria-pressed", String(show[id]));
@@ -157,6 +159,9 @@ function buildFigures() {
   }
   drawChart($("chart"), scene.curve, scene.refinement);
   drawStages($("stages"), scene.stages);
+  $("trackbox").hidden = scene.tracks.length === 0;
+  $("clearancebox").hidden = !scene.clearance;
+  if (SURROUNDINGS.length) markFollowing = drawFollowing();
   drawFeet($("feet"), motions.after);
   if (scene.intervals.length) markInterval = drawIntervals($("intervals"), scene.intervals);
   $("robotname").textContent = scene.robot.name;

@@ -34,11 +34,12 @@ function poseAt(m, frame) {
 // Where an anchor wants its joint; a planar root anchor says nothing about height, so it stands on the floor.
 const anchorPoint = (a) => (a.target.length === 2 ? [a.target[0], 0, a.target[1]] : a.target);
 
-// The box that holds all shown motion and all anchors: { lo, hi }.
+// The box that holds all shown motion, all anchors and whole tracks: { lo, hi }.
 function bounds() {
   const lo = [Infinity, 0, Infinity], hi = [-Infinity, 1.8, -Infinity];
   const grow = (p) => { for (let k = 0; k < 3; k++) { lo[k] = Math.min(lo[k], p[k]); hi[k] = Math.max(hi[k], p[k]); } };
   for (const id in motions) for (let f = 0; f < FRAMES; f += 2) for (const j of [0, 7, 8, 15, 20, 21]) grow(jointAt(motions[id], f, j));
   for (const a of scene.anchors) grow(anchorPoint(a));
+  for (const t of scene.tracks) for (const p of t.positions) if (p && t.axes.every((counts) => counts)) grow(p);
   return { lo, hi };
 }

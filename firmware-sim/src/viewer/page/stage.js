@@ -1,9 +1,9 @@
-// Paints one moment: floor grid, trails, shadows, ghosts, body, reference, anchors, labels.
+// Paints one moment: floor grid, trails, shadows, ghosts, obstacles, body, reference, tracks, anchors, labels.
 const canvas = $("view");
 const ctx = canvas.getContext("2d");
 const layer = document.createElement("canvas");
 const layerCtx = layer.getContext("2d");
-const show = { after: true, before: true, alone: false, robot: true, reference: false, trails: true, labels: true };
+const show = { after: true, before: true, alone: false, robot: true, reference: false, trails: true, labels: true, scene: true };
 // Motions painted as ghosts behind the body, the farthest from the result first.
 const GHOSTS = ["alone", "before"].filter((id) => motions[id]);
 let palette = {};
@@ -16,7 +16,7 @@ const rgba = (c, a) => `rgba(${c[0]},${c[1]},${c[2]},${a})`;
 
 function readPalette() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["bg", "bg2", "line", "text", "dim", "accent", "target", "before", "alone", "robot", "reference", "panel"]) palette[name] = parseColor(style.getPropertyValue(`--${name}`));
+  for (const name of ["bg", "bg2", "line", "text", "dim", "accent", "target", "before", "alone", "robot", "reference", "fault", "panel"]) palette[name] = parseColor(style.getPropertyValue(`--${name}`));
   palette.dark = palette.bg[0] < 128;
 }
 
@@ -192,13 +192,16 @@ function paint(frame) {
     ctx.drawImage(layer, 0, 0, width, height);
     ctx.globalAlpha = 1;
   }
+  if (show.scene) drawObstacles(frame, true);
   if (show.after) drawBody(ctx, pose.after, palette.accent, VISOR);
+  if (show.scene) drawObstacles(frame, false);
   if (show.trails) for (const j of joints) if (j !== 0) {
     for (const id of GHOSTS) if (show[id]) drawTrail(motions[id], j, false, palette[id], frame, 1);
     if (show.after) drawTrail(motions.after, j, false, palette.accent, frame, 1.25);
   }
   if (show.robot && pose.robot) drawWire(ctx, pose.robot, rgba(palette.robot, 0.9));
   if (show.reference && pose.reference) drawWire(ctx, pose.reference, rgba(palette.reference, 1));
+  if (show.scene) scene.tracks.forEach((track, i) => drawTrack(track, i, frame));
   for (const a of scene.anchors) drawAnchor(a, frame);
   if (show.labels) drawLabels(frame, width, height, pose);
 }

@@ -1,0 +1,154 @@
+//! Values of JSON in which objects keep fields that stand twice.
+
+use std::fmt;
+
+use serde::Deserialize;
+use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
+use serde_json::{Number, Value};
+
+use super::Entry;
+
+/// A value.
+#[derive(Debug, Clone)]
+pub(crate) enum Node {
+    /// `null`.
+    Null,
+    /// `true` or `false`.
+    Bool(bool),
+    /// A number.
+    Number(Number),
+    /// Text.
+    Text(String),
+    /// A list.
+    List(Vec<Node>),
+    /// An object.
+    Object(Entry),
+}
+
+impl Node {
+    /// Whether it is `null`.
+    pub const fn is_null(&self) -> bool {
+        matches!(self, Node::Null)
+    }
+
+    /// A number.
+    pub fn as_f64(&self) -> Option<f64> {
+        if let Node::Number(number) = self { number.as_f64() } else { None }
+    }
+
+    /// A whole number that is not negative.
+    pub fn as_u64(&self) -> Option<u64> {
+        if let Node::Number(number) = self { number.as_u64() } else { None }
+    }
+
+    /// A whole number.
+    pub fn as_i64(&self) -> Option<i64> {
+        if let Node::Number(number) = self { number.as_i64() } else { None }
+    }
+
+    /// Text.
+    pub const fn as_str(&self) -> Option<&str> {
+        if let Node::Text(text) = self { Some(text.as_str()) } else { None }
+    }
+
+    /// The items of a list.
+    pub const fn as_list(&self) -> Option<&[Node]> {
+        if let Node::List(items) = self { Some(items.as_slice()) } else { None }
+    }
+
+    /// An object.
+    pub const fn as_entry(&self) -> Option<&Entry> {
+        if let Node::Object(entry) = self { Some(entry) } else { None }
+    }
+
+    /// The same for showing; of fields that stand twice the last.
+    fn value(&self) -> Value {
+        match self {
+            Node::Null => Value::Null,
+            Node::Bool(value) => Value::Bool(*value),
+            Node::Number(number) => Value::Number(number.clone()),
+            Node::Text(text) => Value::String(text.clone()),
+            Node::List(items) => items.iter().map(Node::value).collect(),
+            Node::Object(Entry(fields)) => {
+                Value::Object(fields.iter().map(|(name, node)| (name.clone(), node.value())).collect())
+            }
+        }
+    }
+}
+
+/// As JSON.
+impl fmt::Display for Node {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.value().fmt(f)
+    }
+}
+
+/// The fields of an object.
+pub(super) struct Fields;
+
+impl<'de> Visitor<'de> for Fields {
+    type Value = Vec<(String, Node)>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object with fields")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+        let mut fields = Vec::new();
+        while let Some(field) = map.next_entry()? {
+            fields.push(field);
+        }
+        Ok(fields)
+    }
+}
+
+impl<'de> Deserialize<'de> for Node {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Any;
+        impl<'de> Visitor<'de> for Any {
+            type Value = Node;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a value")
+            }
+
+            fn visit_unit<E>(self) -> Result<Node, E> {
+                Ok(Node::Null)
+            }
+
+            fn visit_bool<E>(self, value: bool) -> Result<Node, E> {
+                Ok(Node::Bool(value))
+            }
+
+            fn visit_u64<E>(self, value: u64) -> Result<Node, E> {
+                Ok(Node::Number(value.into()))
+            }
+
+            fn visit_i64<E>(self, value: i64) -> Result<Node, E> {
+                Ok(Node::Number(value.into()))
+            }
+
+            fn visit_f64<E>(self, value: f64) -> Result<Node, E> {
+                // JSON has no others than finite ones.
+                Ok(Number::from_f64(value).map_or(Node::Null, Node::Number))
+            }
+
+            fn visit_str<E>(self, text: &str) -> Result<Node, E> {
+                Ok(Node::Text(text.to_owned()))
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Node, A::Error> {
+                let mut items = Vec::new();
+                while let Some(item) = list.next_element()? {
+                    items.push(item);
+                }
+                Ok(Node::List(items))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Node, A::Error> {
+                Fields.visit_map(map).map(Entry).map(Node::Object)
+            }
+        }
+        deserializer.deserialize_any(Any)
+    }
+}
