@@ -8,15 +8,17 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::ops::ControlFlow;
 use std::time::Duration;
 
+use motionette::{Joint, Obstacle, Shape, Track};
 use motionette_host::device::{Client, Error, Options, Transport};
+use motionette_link::conditions::{Given, Unfit};
 use motionette_link::frame::encode;
 use motionette_link::message::{
-    Anchor, Command, Event, Failure, Generate, Header, LossAction, Measure, REPLY_FRAME, Refusal, Reply, Start,
-    StartFault, State, Status, Strain, Target, UpdateFault,
+    Anchor, Clearance, Command, ConditionsFault, Event, Failure, Generate, Header, LossAction, Measure, REPLY_FRAME,
+    Refusal, Reply, Start, StartFault, State, Status, Strain, Target, Tracking, UpdateFault,
 };
 use motionette_link::server::{Port, Server, Silence};
 use motionette_link::update::Store;
-use robot::{BLOB, Line, OTHER, Random, Raw, Robot};
+use robot::{BLOB, CONDITION_BYTES, Line, OTHER, Random, Raw, Robot, ready_under};
 
 const SILENCE: Silence = Silence { after_ms: 60_000, action: LossAction::Finish };
 /// Time is simulated: only a bug makes anybody wait.
@@ -182,6 +184,69 @@ fn a_whole_session_on_a_good_line() {
     }
 }
 
+/// Two tracks of half of the robot's memory, an obstacle and a vector.
+fn under<R>(use_them: impl FnOnce(&Given<'_>) -> R) -> R {
+    let path = vec![[0.25, 1.0, -0.5]; CONDITION_BYTES / 48];
+    let tracks = [Track::new(Joint::RightWrist, 3, &path), Track::new(Joint::Pelvis, 0, &path).within(0.02)];
+    let obstacles = [Obstacle::new(Shape::Sphere { radius: 0.5 }, [0.0; 3])];
+    use_them(&Given { tracks: &tracks, obstacles: &obstacles, vector: Some(&[0.5; 64]) })
+}
+
+#[test]
+fn conditions_on_good_and_bad_lines() {
+    let Event::Ready { tracking, clearance, .. } = ready_under(1, true, [2, 1, 64]) else { panic!() };
+    assert!(matches!((tracking, clearance), (Some(Tracking { .. }), Some(Clearance { .. }))));
+    for seed in 0..60 {
+        let mut wire = Wire::new([0, 30, 8, 4][seed as usize % 4], seed);
+        let (mut client, hello) = Client::connect(&mut wire, OPTIONS).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+        assert_eq!(client.stage(&hello, &Given::default(), &mut |_| panic!("nothing to send")).ok(), Some(false));
+        let mut arrived = Vec::new();
+        let staged = under(|given| client.stage(&hello, given, &mut |next| arrived.push(next)));
+        assert!(staged.unwrap_or_else(|e| panic!("seed {seed}: {e}")), "seed {seed}");
+        assert!(arrived.is_sorted() && arrived.len() > 10, "seed {seed}: {arrived:?}");
+        // The same conditions for two requests, and none for a third.
+        for conditions in [true, true, false] {
+            let request = Generate { conditions, ..request(false) };
+            let made = client.generate(&request, &mut watch).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+            assert_eq!(made.tracking, tracking.filter(|_| conditions), "seed {seed}");
+            assert_eq!(made.clearance, clearance.filter(|_| conditions), "seed {seed}");
+        }
+        assert_eq!(wire.robot.jobs.len(), 3, "seed {seed}");
+    }
+}
+
+#[test]
+fn conditions_that_cannot_be_sent() {
+    let mut wire = Wire::new(0, 1);
+    wire.robot.area.truncate(256);
+    let (mut client, mut hello) = Client::connect(&mut wire, OPTIONS).unwrap();
+    let refused = |error: Error| {
+        assert!(error.hint().is_some(), "{error}");
+        match error {
+            Error::Refused(Refusal::Conditions(fault)) => fault,
+            other => panic!("{other:?}"),
+        }
+    };
+    let length = under(|given| given.bytes().unwrap());
+    let too_long = under(|given| client.stage(&hello, given, &mut |_| {})).unwrap_err();
+    assert_eq!(refused(too_long), ConditionsFault::Length { length, limit: 1024 });
+    hello.limits.condition_bytes = 0;
+    let none = under(|given| client.stage(&hello, given, &mut |_| {})).unwrap_err();
+    assert_eq!(refused(none), ConditionsFault::NoArea);
+    // The device says the same of what it was sent all the same.
+    hello.limits.condition_bytes = u32::MAX;
+    let too_long = under(|given| client.stage(&hello, given, &mut |_| {})).unwrap_err();
+    assert_eq!(refused(too_long), ConditionsFault::Length { length, limit: 1024 });
+    let given = Given { vector: Some(&[]), ..Given::default() };
+    let unfit = client.stage(&hello, &given, &mut |_| {}).unwrap_err();
+    assert!(matches!(unfit, Error::Unfit(Unfit::Vector { found: 0, .. })) && unfit.to_string().contains("0 numbers"));
+    // None were sent.
+    let request = Generate { conditions: true, ..request(false) };
+    let none = client.generate(&request, &mut watch);
+    assert!(matches!(none, Err(Error::Refused(Refusal::Conditions(ConditionsFault::NotSent)))), "{none:?}");
+    assert_eq!(wire.robot.calls, [""; 0]);
+}
+
 /// Everything arrives, and everything is done once, however bad the line is.
 #[test]
 fn a_whole_session_on_bad_lines() {
@@ -314,7 +379,7 @@ impl Write for Canned {
         // The header of a reply is that of its request.
         if let Some((header, _)) = request_in(bytes) {
             let mut buffer = [0; REPLY_FRAME];
-            let header = Header { version: 0x83, ..header };
+            let header = Header { version: 0x84, ..header };
             if !self.0.is_empty() {
                 self.0.extend(encode(&(header, Reply::Accepted), &mut buffer).unwrap());
             }
@@ -392,10 +457,10 @@ fn request_in(mut bytes: &[u8]) -> Option<(Header, Vec<u8>)> {
 fn nobody_there_another_version_and_a_broken_line() {
     let nobody = Client::connect(Canned(VecDeque::new(), ErrorKind::WouldBlock), Options { attempts: 3, ..OPTIONS });
     assert!(matches!(nobody, Err(Error::Silent { attempts: 3, before: false, .. })));
-    // Noise comes before the answer of a device of version 3.
+    // Noise comes before the answer of a device of version 4.
     let newer = Client::connect(Canned([7, 7].into(), ErrorKind::TimedOut), OPTIONS);
     match newer.err() {
-        Some(error @ Error::Version { device: 3 }) => {
+        Some(error @ Error::Version { device: 4 }) => {
             assert!(error.to_string().contains("update these tools"), "{error}")
         }
         other => panic!("{other:?}"),

@@ -231,8 +231,8 @@ fn a_blob_that_needs_other_firmware() {
 /// A host that has said hello and is gone without a word.
 fn forgetful_host(served: &Served) {
     let mut line = std::net::TcpStream::connect(served.port.strip_prefix("tcp:").unwrap()).unwrap();
-    // Version 2, session 0x1234, id 1; Hello, no taking over.
-    line.write_all(&[0x00, 0x05, 0x02, 0xB4, 0x24, 0x01, 0x01, 0x05, 0x22, 0xFC, 0xDF, 0x37, 0x00]).unwrap();
+    // Version 3, session 0x1234, id 1; Hello, no taking over.
+    line.write_all(&[0x00, 0x05, 0x03, 0xB4, 0x24, 0x01, 0x01, 0x05, 0x87, 0x2F, 0x83, 0xFC, 0x00]).unwrap();
     assert!(line.read(&mut [0; 300]).unwrap() > 0);
 }
 
@@ -310,6 +310,39 @@ fn what_makes_no_sense_never_reaches_the_device() {
     let anchors = anchors.to_str().unwrap();
     served.fails(&["generate", "--text", "a bow", "--anchors", anchors], &["frame 196", "196 frames"]);
     assert!(served.robot.lock().unwrap().calls.is_empty());
+}
+
+/// A prompt's vector travels as a condition; what cannot be read or sent never reaches the device.
+#[test]
+fn a_prompt_as_a_vector() {
+    let served = Served::on_tcp();
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let vector = |name: &str, numbers: usize| {
+        let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({numbers},), }}");
+        header += &" ".repeat(63 - (10 + header.len()) % 64);
+        header.push('\n');
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.bytes());
+        bytes.extend((0..numbers).flat_map(|number| (number as f32 / 8.0).to_le_bytes()));
+        std::fs::write(path(name), bytes).unwrap();
+        path(name)
+    };
+    assert_eq!(served.succeeds(&["hello"])["limits"]["condition_bytes"], robot::CONDITION_BYTES);
+    let (short, long) = (vector("short.npy", 512), vector("long.npy", 2000));
+    let made = served.succeeds(&["generate", "--prompt-vector", &short]);
+    assert_eq!((&made["frames"], &made["text"], &made["tracking"]), (&3.into(), &Value::Null, &Value::Null));
+    assert_eq!(served.robot.lock().unwrap().given, [0, 0, 512]);
+    let too_long = ["8012 bytes", "4096", "hint: "];
+    served.fails(&["generate", "--prompt-vector", &long], &too_long);
+    served.fails(&["generate", "--prompt-vector", &path("none.npy")], &["none.npy"]);
+    served.robot.lock().unwrap().area.clear();
+    served.fails(&["generate", "--prompt-vector", &short], &["sets no memory aside", "hint: "]);
+    assert_eq!(served.robot.lock().unwrap().calls, ["start"]);
+    for arguments in [&["generate"][..], &["generate", "--text", "a bow", "--prompt-vector", &short]] {
+        assert_eq!(served.run(Path::new("."), arguments).status.code(), Some(2), "{arguments:?}");
+    }
 }
 
 #[test]

@@ -16,8 +16,8 @@ use motionette::playback::{self, Control};
 use motionette::{Model, ROWS};
 
 use crate::message::{
-    Condition, Event, Failure, Generate, JobStage, Length, ModelInfo, Name, Refinement, Refusal, Start, State, Work,
-    name,
+    Condition, ConditionsFault, Event, Failure, Generate, JobStage, Length, ModelInfo, Name, Refinement, Refusal,
+    Start, State, Work, name,
 };
 use crate::server::{Description, Device, Job};
 use crate::update::{Slot, Storage, Store};
@@ -97,7 +97,7 @@ impl Preset {
 /// What the thread is to do next.
 // Lives on the thread's stack while it is worked on.
 #[allow(clippy::large_enum_variant)]
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub enum Task {
     /// Make a motion.
     Generate {
@@ -105,6 +105,8 @@ pub enum Task {
         job: u32,
         /// The request.
         request: Generate,
+        /// The memory in which its conditions lie, if it has some: the thread's until [`DeviceState::returned`].
+        area: Option<Area>,
     },
     /// Run the blob's self-test.
     SelfTest {
@@ -116,6 +118,9 @@ pub enum Task {
     /// Open the blob anew: another one is active.
     Reopen,
 }
+
+/// Memory for conditions, words of 32 bits. Link and thread hand it to each other; a board's lives for ever.
+pub type Area = &'static mut [u32];
 
 /// What was ordered, and the tick before which the player cannot have heard of it.
 #[derive(Debug, Clone, Copy)]
@@ -132,6 +137,10 @@ pub struct DeviceState<'a, S> {
     control: &'a Control,
     flags: &'a SharedFlags,
     storage: Option<S>,
+    /// The memory for conditions, unless the thread has it.
+    area: Option<Area>,
+    /// Its bytes.
+    condition_bytes: u32,
     /// Where the active blob lies, and its bytes.
     blob: Option<(Slot, usize)>,
     model: Option<ModelInfo>,
@@ -172,6 +181,8 @@ impl<'a, S> DeviceState<'a, S> {
             control,
             flags,
             storage,
+            area: None,
+            condition_bytes: 0,
             blob: store.place(),
             model: None,
             work: None,
@@ -188,6 +199,13 @@ impl<'a, S> DeviceState<'a, S> {
             start: control.start().into(),
             events: Deque::new(),
         }
+    }
+
+    /// The same with memory for the conditions of requests; without, all that have some are refused.
+    #[must_use]
+    pub fn with_area(self, area: Area) -> Self {
+        let condition_bytes = u32::try_from(size_of_val(&*area)).unwrap_or(u32::MAX);
+        DeviceState { area: Some(area), condition_bytes, ..self }
     }
 
     /// For the thread: where the active blob lies, which has been verified, and its bytes; see [`blob_in`](crate::update::blob_in).
@@ -239,6 +257,11 @@ impl<'a, S> DeviceState<'a, S> {
             work.step = step;
             work.steps = steps;
         }
+    }
+
+    /// For the thread: it reads the conditions no more, and returns their memory. MUST come before [`DeviceState::done`].
+    pub const fn returned(&mut self, area: Area) {
+        self.area = Some(area);
     }
 
     /// For the thread: how the job ended.
@@ -321,7 +344,7 @@ impl<S: Storage> Device for DeviceState<'_, S> {
     type Storage = S;
 
     fn describe(&self) -> Description {
-        Description { preset: self.robot.clone(), model: self.model.clone() }
+        Description { preset: self.robot.clone(), model: self.model.clone(), condition_bytes: self.condition_bytes }
     }
 
     fn condition(&self) -> Condition {
@@ -344,6 +367,10 @@ impl<S: Storage> Device for DeviceState<'_, S> {
         if matches!(work, Job::Generate(request) if request.play_when_ready) {
             self.may_play()?;
         }
+        let conditioned = matches!(work, Job::Generate(request) if request.conditions);
+        if conditioned && self.area.is_none() {
+            return Err(Refusal::Conditions(ConditionsFault::NoArea));
+        }
         self.flags.abort.store(false, Ordering::Release);
         if !self.playing {
             self.ready = None;
@@ -352,7 +379,8 @@ impl<S: Storage> Device for DeviceState<'_, S> {
         self.waiting = Some(match work {
             Job::Generate(request) => {
                 self.play_when_ready = request.play_when_ready;
-                Task::Generate { job, request: self.preset.fill(request) }
+                let area = if conditioned { self.area.take() } else { None };
+                Task::Generate { job, request: self.preset.fill(request), area }
             }
             Job::SelfTest => Task::SelfTest { job },
         });
@@ -375,8 +403,18 @@ impl<S: Storage> Device for DeviceState<'_, S> {
     fn stop(&mut self) {
         self.control.stop();
         self.flags.abort.store(true, Ordering::Release);
-        if let (Some(Task::Generate { job, .. } | Task::SelfTest { job }), Some(_)) = (self.waiting.take(), self.work) {
-            // The thread has not seen it and never will.
+        // The thread has not seen it and never will.
+        let unseen = match self.waiting.take() {
+            Some(Task::Generate { job, area, .. }) => {
+                if area.is_some() {
+                    self.area = area;
+                }
+                Some(job)
+            }
+            Some(Task::SelfTest { job }) => Some(job),
+            _ => None,
+        };
+        if let (Some(job), Some(_)) = (unseen, self.work) {
             self.work = None;
             self.tell(Event::Failed { job, why: Failure::Aborted });
         }
@@ -445,6 +483,10 @@ impl<S: Storage> Device for DeviceState<'_, S> {
 
     fn storage(&mut self) -> Option<&mut S> {
         self.storage.as_mut()
+    }
+
+    fn area(&mut self) -> Option<&mut [u32]> {
+        self.area.as_deref_mut()
     }
 
     fn activated(&mut self, store: &Store) {

@@ -2,10 +2,11 @@
 
 use core::ops::ControlFlow;
 use motionette::playback::{Feeder, Full, When};
-use motionette::{Error, Generator, Model, Observer, Progress, Stop};
+use motionette::{Error, Generator, Model, Motion, Observer, Progress, Prompt, Request, Source, Stop};
 
+use crate::conditions::Conditions;
 use crate::device_state::{DeviceState, Task};
-use crate::message::{Event, Failure, JobStage, Strain, Understood};
+use crate::message::{Clearance, Event, Failure, Generate, JobStage, Strain, Tracking, Understood};
 
 /// Where the thread finds the state of its device.
 pub trait JobHost {
@@ -93,12 +94,19 @@ pub fn run<D: JobHost, const C: usize>(
                 };
                 jobs.with(|state| state.done(event));
             }
-            Task::Generate { job, request } => {
-                let anchors = request.anchors();
-                match generator.generate(&request.request(&anchors), &mut Watch { jobs: &mut *jobs }) {
-                    Err(error) => {
-                        jobs.note(Note::Failed(error.into()));
-                        jobs.with(|state| state.done(Event::Failed { job, why: error.into() }));
+            Task::Generate { job, request, area } => {
+                let watch = &mut Watch { jobs: &mut *jobs };
+                let made = match area.as_deref() {
+                    None => make(&mut generator, &request, watch),
+                    Some(area) => make_under(&mut generator, &request, area, watch),
+                };
+                if let Some(area) = area {
+                    jobs.with(|state| state.returned(area));
+                }
+                match made {
+                    Err(why) => {
+                        jobs.note(Note::Failed(why));
+                        jobs.with(|state| state.done(Event::Failed { job, why }));
                     }
                     Ok(motion) => {
                         let frames = motion.frames();
@@ -114,6 +122,8 @@ pub fn run<D: JobHost, const C: usize>(
                                 &request.text,
                             ),
                             strain: Strain::of(&motion),
+                            tracking: Tracking::of(&motion),
+                            clearance: Clearance::of(&motion),
                         };
                         jobs.with(|state| state.done(event));
                         // The motion lies in the arena until the next one is made.
@@ -135,6 +145,36 @@ pub fn run<D: JobHost, const C: usize>(
             }
         }
     }
+}
+
+/// A motion without conditions.
+fn make<'m>(
+    generator: &'m mut Generator<'_>,
+    request: &Generate,
+    observer: &mut impl Observer,
+) -> Result<Motion<'m>, Failure> {
+    let anchors = request.anchors();
+    Ok(generator.generate(&request.request(&anchors), observer)?)
+}
+
+/// A motion with the conditions in `area`. What they are listed in is on the stack of no other.
+#[inline(never)]
+fn make_under<'m>(
+    generator: &'m mut Generator<'_>,
+    request: &Generate,
+    area: &[u32],
+    observer: &mut impl Observer,
+) -> Result<Motion<'m>, Failure> {
+    // The link has opened them before.
+    let conditions = Conditions::open(area).map_err(|_| Failure::Unknown)?;
+    let (anchors, tracks, keyframes) = (request.anchors(), conditions.tracks(), conditions.keyframes());
+    let obstacles = conditions.obstacles(&keyframes);
+    let words = request.request(&anchors).tracks(&tracks).obstacles(&obstacles);
+    let request = match conditions.vector() {
+        Some(vector) => Request { source: Source::Text(Prompt::Vector(vector)), ..words },
+        None => words,
+    };
+    Ok(generator.generate(&request, observer)?)
 }
 
 /// Does nothing until another blob is to be opened: there is none, or none that can be used.

@@ -5,12 +5,13 @@
 mod common;
 
 use common::host::{SILENCE, replies};
-use common::{BLOB, Line, OTHER, Random, Raw, Robot, crc};
-use motionette::Model;
+use common::{BLOB, CONDITION_BYTES, Line, OTHER, Random, Raw, Robot, crc, sent};
+use motionette::{Course, Keyframe, MAX_OBSTACLES, MAX_TRACKS, Model, Obstacle, Shape, Track};
+use motionette_link::conditions::{Conditions, Given, KEYFRAMES};
 use motionette_link::frame::encode;
 use motionette_link::message::{
-    Anchor, Command, Event, Generate, Header, Length, LossAction, REQUEST_BYTES, REQUEST_FRAME, Refinement, Refusal,
-    Reply, State, Target,
+    Anchor, Command, Event, Generate, Header, Length, LossAction, PROTOCOL, REQUEST_BYTES, REQUEST_FRAME, Refinement,
+    Refusal, Reply, State, Target,
 };
 use motionette_link::server::{Server, Silence};
 use motionette_link::update::Store;
@@ -39,13 +40,15 @@ fn generate(random: &mut Random) -> Command {
         seed: random.bits(),
         anchors,
         play_when_ready,
+        conditions: random.once_in(3),
         ..Generate::new(text)
     })
 }
 
-/// A command, most likely one that gets somewhere: `next` is where the transfer of `blob` stands.
-fn command(random: &mut Random, blob: &[u8], next: usize) -> Command {
-    match random.below(26) {
+/// A command, most likely one that gets somewhere: `next` is where the transfer of `blob` stands, `come` where that of the conditions
+/// `staged` does.
+fn command(random: &mut Random, (blob, next): (&[u8], usize), (staged, come): (&[u8], usize)) -> Command {
+    match random.below(36) {
         0 => Command::Hello { take_over: random.once_in(2) },
         1..=3 => generate(random),
         4 => Command::Play,
@@ -67,6 +70,21 @@ fn command(random: &mut Random, blob: &[u8], next: usize) -> Command {
         17 => Command::KeepAlive,
         18 => Command::Release,
         19 if random.once_in(4) => Command::Close,
+        20 => Command::ConditionsBegin { length: staged.len() as u32, crc32: crc(staged) },
+        21 if random.once_in(2) => {
+            Command::ConditionsBegin { length: random.below(2 * CONDITION_BYTES) as u32, crc32: random.bits() as u32 }
+        }
+        22 if random.once_in(2) => {
+            let count = random.below(241);
+            let bytes = random.bytes(count);
+            let offset = random.below(2 * CONDITION_BYTES) as u32;
+            Command::ConditionsChunk { offset, bytes: bytes.into_iter().collect() }
+        }
+        23..=30 => {
+            let from = come.min(staged.len());
+            let count = (1 + random.below(240)).min(staged.len() - from);
+            Command::ConditionsChunk { offset: from as u32, bytes: staged[from..][..count].iter().copied().collect() }
+        }
         _ => {
             let from = next.min(blob.len());
             let count = (1 + random.below(240)).min(blob.len() - from);
@@ -89,8 +107,8 @@ struct Rules {
 impl Rules {
     /// Whether what was sent may be answered so; `message` is as it arrived, `silence` milliseconds, 0: never.
     fn allow(&mut self, message: &[u8], reply: &Reply, now: u64, silence: u64) -> bool {
-        let Ok((Header { version: 2, session, id }, body)) = postcard::take_from_bytes::<Header>(message) else {
-            return matches!(reply, Reply::Refused(Refusal::Version { supported: 2 }));
+        let Ok((Header { version: PROTOCOL, session, id }, body)) = postcard::take_from_bytes::<Header>(message) else {
+            return matches!(reply, Reply::Refused(Refusal::Version { supported: PROTOCOL }));
         };
         let Ok((command, [])) = postcard::take_from_bytes::<Command>(body) else {
             return matches!(reply, Reply::Refused(Refusal::Malformed));
@@ -131,6 +149,7 @@ struct Tally {
     jobs: usize,
     skipped: usize,
     lost: usize,
+    conditioned: usize,
 }
 
 fn run(seed: u64, tally: &mut Tally) {
@@ -145,6 +164,9 @@ fn run(seed: u64, tally: &mut Tally) {
     // A transfer in one go now and then, so that commits happen.
     let mut script: Vec<Command> = Vec::new();
     let mut active = server.store().active();
+    let mut staged = some_conditions(&mut random);
+    let mut all_staged = vec![staged.clone()];
+    let (mut come, mut conditioned) = (0, None);
     let mut rules = Rules::default();
     for _ in 0..400 {
         let next = server.store().transfer().map_or(0, |t| t.next as usize);
@@ -158,8 +180,23 @@ fn run(seed: u64, tally: &mut Tally) {
             script.extend([begin, Command::Stop, Command::Hello { take_over: true }]);
             session = random.bits() as u32;
         }
+        // And conditions with a request that they belong to.
+        if script.is_empty() && random.once_in(60) {
+            let text = "a person bows".try_into().unwrap();
+            script.push(Command::Generate(Generate { conditions: true, ..Generate::new(text) }));
+            let chunks = staged.chunks(240).enumerate().rev();
+            script.extend(
+                chunks.map(|(i, c)| Command::ConditionsChunk {
+                    offset: 240 * i as u32,
+                    bytes: c.iter().copied().collect(),
+                }),
+            );
+            let begin = Command::ConditionsBegin { length: staged.len() as u32, crc32: crc(&staged) };
+            script.extend([begin, Command::Stop, Command::Hello { take_over: true }]);
+            session = random.bits() as u32;
+        }
         let rare = if script.is_empty() { 1 } else { 40 };
-        let command = script.pop().unwrap_or_else(|| command(&mut random, blob, next));
+        let command = script.pop().unwrap_or_else(|| command(&mut random, (blob, next), (&staged, come)));
         if !random.once_in(20 * rare) {
             id = id.wrapping_add(1);
         }
@@ -219,8 +256,30 @@ fn run(seed: u64, tally: &mut Tally) {
                 }
                 Reply::Committed(_) => tally.committed += 1,
                 Reply::Event(Event::HostLost(_)) => tally.lost += 1,
+                Reply::Status(status) => {
+                    come = status.staged.map_or(0, |staged| staged.next as usize);
+                    tally.accepted += 1;
+                }
+                Reply::Chunk { next }
+                    if matches!(command, Command::ConditionsBegin { .. } | Command::ConditionsChunk { .. }) =>
+                {
+                    come = next as usize;
+                    tally.accepted += 1;
+                }
                 _ => tally.accepted += 1,
             }
+        }
+        if let (Some(request), Some(work)) = (&robot.last, robot.condition.work)
+            && request.conditions
+            && conditioned != Some(work.job)
+        {
+            // The robot has opened them; they are what was sent, now or for a request before.
+            let area: &[u8] = bytemuck::cast_slice(&robot.area);
+            assert!(all_staged.iter().any(|staged| area.starts_with(staged)), "seed {seed}: other conditions");
+            conditioned = Some(work.job);
+            tally.conditioned += 1;
+            staged = some_conditions(&mut random);
+            all_staged.push(staged.clone());
         }
         let transfer = server.store().transfer();
         assert!(transfer.is_none() || !robot.condition.state.moves(), "seed {seed}: moves while flash is written");
@@ -258,9 +317,136 @@ fn nothing_panics_and_the_rules_hold() {
         run(seed, &mut tally);
     }
     // The fuzzer gets everywhere.
-    let Tally { accepted, refused, committed, jobs, skipped, lost } = tally;
+    let Tally { accepted, refused, committed, jobs, skipped, lost, conditioned } = tally;
     assert!(accepted > 20_000 && refused > 20_000, "{tally:?}");
     assert!(committed > 100 && jobs > 1000 && skipped > 1000 && lost > 100, "{tally:?}");
+    assert!(conditioned > 100, "{tally:?}");
+}
+
+/// Owned tracks and obstacles, of any numbers.
+#[derive(Default)]
+struct Owned {
+    positions: Vec<Vec<[f32; 3]>>,
+    masks: Vec<Option<Vec<u8>>>,
+    keyframes: Vec<Vec<Keyframe>>,
+    vector: Option<Vec<f32>>,
+}
+
+/// Conditions of up to a few kilobytes into `use_them`.
+fn with_conditions<R>(random: &mut Random, use_them: impl FnOnce(&Given<'_>) -> R) -> R {
+    fn number(random: &mut Random) -> f32 {
+        f32::from_bits(random.bits() as u32)
+    }
+    fn place(random: &mut Random) -> [f32; 3] {
+        std::array::from_fn(|_| number(random))
+    }
+    let mut some = Owned::default();
+    let (tracks, obstacles) = (random.below(4), random.below(4));
+    for _ in 0..tracks {
+        let count = random.below(40);
+        some.positions.push((0..count).map(|_| place(random)).collect());
+        let mask = random.bytes(count);
+        some.masks.push(random.once_in(2).then_some(mask));
+    }
+    for _ in 0..obstacles {
+        let frame = |random: &mut Random| Keyframe { frame: random.bits() as u16, position: place(random) };
+        some.keyframes.push((0..random.below(9)).map(|_| frame(random)).collect());
+    }
+    let width = 1 + random.below(64);
+    some.vector = random.once_in(2).then(|| (0..width).map(|_| number(random)).collect());
+    let tracks: Vec<Track<'_>> = some
+        .positions
+        .iter()
+        .zip(&some.masks)
+        .map(|(positions, mask)| Track {
+            joint: random.bits() as u8,
+            first: random.bits() as u16,
+            axes: std::array::from_fn(|_| random.once_in(2)),
+            mask: mask.as_deref(),
+            positions,
+            tolerance: number(random),
+        })
+        .collect();
+    let obstacles: Vec<Obstacle<'_>> = some
+        .keyframes
+        .iter()
+        .map(|keyframes| {
+            let shape = match random.below(5) {
+                0 => Shape::Sphere { radius: number(random) },
+                1 => Shape::Capsule { half: place(random), radius: number(random) },
+                2 => Shape::Cylinder { radius: number(random), half_height: number(random) },
+                3 => Shape::Box { half: place(random) },
+                _ => Shape::Plane { normal: place(random) },
+            };
+            let course = match random.below(3) {
+                0 => Course::Still(place(random)),
+                1 => Course::Moving { from: place(random), velocity: place(random) },
+                _ => Course::Keyframes(keyframes),
+            };
+            Obstacle { shape, course, margin: number(random), joints: random.bits() as u32 }
+        })
+        .collect();
+    use_them(&Given { tracks: &tracks, obstacles: &obstacles, vector: some.vector.as_deref() })
+}
+
+fn some_conditions(random: &mut Random) -> Vec<u8> {
+    loop {
+        let bytes = with_conditions(random, sent);
+        if bytes.len() <= CONDITION_BYTES {
+            return bytes;
+        }
+    }
+}
+
+fn words(bytes: &[u8]) -> Vec<u32> {
+    bytes.chunks_exact(4).map(|four| u32::from_le_bytes(four.try_into().unwrap())).collect()
+}
+
+/// Bit for bit what was given comes out, and of what was damaged either conditions come out that say the same again, or none.
+#[test]
+fn conditions_there_and_back_and_damaged() {
+    let (mut opened, mut refused) = (0, 0);
+    for seed in 0..3000 {
+        let mut random = Random::new(seed);
+        let mut bytes = with_conditions(&mut random, |given| {
+            let bytes = sent(given);
+            let area = words(&bytes);
+            let conditions = Conditions::open(&area).unwrap_or_else(|fault| panic!("seed {seed}: {fault}"));
+            let keyframes = conditions.keyframes();
+            let (tracks, obstacles) = (conditions.tracks(), conditions.obstacles(&keyframes));
+            let back = Given { tracks: &tracks, obstacles: &obstacles, vector: conditions.vector() };
+            // Numbers may be none: their bits are compared.
+            assert_eq!(sent(&back), bytes, "seed {seed}");
+            assert_eq!(format!("{back:?}"), format!("{given:?}"), "seed {seed}");
+            bytes
+        });
+        for _ in 0..20 {
+            if random.once_in(4) {
+                mutate(&mut bytes, &mut random);
+            } else if !bytes.is_empty() {
+                let at = random.below(bytes.len().min(64));
+                bytes[at] = [0, 1, 2, 24, 25, 0x7F, 0xFF][random.below(7)];
+            }
+            if random.once_in(2) && bytes.len() >= 4 {
+                let length = (bytes.len() as u32) & !3;
+                bytes[..4].copy_from_slice(&length.to_le_bytes());
+            }
+            let area = words(&bytes);
+            let Ok(conditions) = Conditions::open(&area) else {
+                refused += 1;
+                continue;
+            };
+            opened += 1;
+            let keyframes = conditions.keyframes();
+            let (tracks, obstacles) = (conditions.tracks(), conditions.obstacles(&keyframes));
+            assert!(tracks.len() <= MAX_TRACKS && obstacles.len() <= MAX_OBSTACLES && keyframes.len() <= KEYFRAMES);
+            let again = sent(&Given { tracks: &tracks, obstacles: &obstacles, vector: conditions.vector() });
+            assert_eq!(again.len(), conditions.bytes(), "seed {seed}");
+            // Other keyframes than its own are of no harm.
+            let _ = conditions.obstacles(&keyframes[keyframes.len() / 2..]);
+        }
+    }
+    assert!(opened > 1000 && refused > 10_000, "{opened} opened, {refused} refused");
 }
 
 /// Frames come late, twice, in the wrong order, or not at all: no request is executed twice, and none behind a later one.

@@ -4,16 +4,18 @@ mod common;
 
 use common::{Random, Raw};
 use motionette::refining::Config;
+use motionette::{Error, ObstacleError, PromptError, TrackError};
 use motionette_link::frame::{Faults, Receiver, encode, frame_bytes};
 use motionette_link::message::{
-    ANCHORS, Anchor, Blob, BlobFault, CHUNK_BYTES, Command, Condition, DeviceLimits, Event, FEATURE_BYTES, Failure,
-    Feature, FlashFault, Generate, Header, Hello, JobStage, Length, LossAction, Measure, ModelInfo, NAME_BYTES, Owner,
-    PHRASE_BYTES, REPLY_BYTES, REPLY_FRAME, REQUEST_BYTES, REQUEST_FRAME, Refinement, Refusal, RefusedBlob, Reply,
-    Start, StartFault, State, Status, Strain, TEXT_BYTES, Target, Transfer, Understood, UpdateFault, Work, name,
+    ANCHORS, Anchor, Blob, BlobFault, CHUNK_BYTES, Clearance, Command, Condition, ConditionsFault, DeviceLimits, Event,
+    FEATURE_BYTES, Failure, Feature, FlashFault, Generate, Header, Hello, JobStage, Length, LossAction, Measure,
+    ModelInfo, NAME_BYTES, ObstacleFault, Owner, PHRASE_BYTES, REPLY_BYTES, REPLY_FRAME, REQUEST_BYTES, REQUEST_FRAME,
+    Refinement, Refusal, RefusedBlob, Reply, Start, StartFault, State, Status, Strain, TEXT_BYTES, Target, TrackFault,
+    Tracking, Transfer, Understood, UpdateFault, Work, name,
 };
 use serde::{Serialize, de::DeserializeOwned};
 
-const HEADER: Header = Header { version: 2, session: u32::MAX, id: u32::MAX };
+const HEADER: Header = Header { version: 3, session: u32::MAX, id: u32::MAX };
 
 fn round_trip<T: Serialize + DeserializeOwned + PartialEq + core::fmt::Debug>(message: &T, limit: usize) {
     let mut buffer = [0; REQUEST_FRAME];
@@ -39,6 +41,7 @@ fn largest_request() -> Generate {
         evaluations: u16::MAX,
         anchors: [anchor; ANCHORS].into_iter().collect(),
         play_when_ready: true,
+        conditions: true,
     }
 }
 
@@ -62,6 +65,8 @@ fn every_command_there_and_back() {
         Command::KeepAlive,
         Command::Release,
         Command::Close,
+        Command::ConditionsBegin { length: u32::MAX, crc32: u32::MAX },
+        Command::ConditionsChunk { offset: u32::MAX, bytes: (0..CHUNK_BYTES).map(|b| b as u8).collect() },
     ];
     for (index, command) in commands.iter().enumerate() {
         round_trip(command, REQUEST_FRAME);
@@ -82,6 +87,8 @@ fn every_reply_there_and_back() {
         control_error: Some(0.5),
         understood: Some(Understood { phrase: core::iter::repeat_n('x', PHRASE_BYTES).collect(), score: 0.5 }),
         strain: Some(Strain { measure: Measure(u8::MAX), value: 1.5, anchor: u16::MAX }),
+        tracking: Some(Tracking { mean: 0.5, worst: 1.5, track: u16::MAX, frame: u16::MAX, hurried: u16::MAX }),
+        clearance: Some(Clearance { least: -0.5, missing: 0.5, obstacle: u16::MAX, joint: u8::MAX, frame: u16::MAX }),
     };
     let events =
         [ready.clone(), Event::Finished, Event::SelfTest { job: 3, passed: None }, Event::HostLost(LossAction::Abort)];
@@ -104,6 +111,13 @@ fn every_reply_there_and_back() {
         Failure::Solver,
         Failure::Unknown,
         Failure::NotLinked { feature: Feature::new("refining") },
+        Failure::Tracks(TrackFault::AnchorConflict { track: u32::MAX, anchor: u32::MAX, frame: u32::MAX }),
+        Failure::Obstacles(ObstacleFault::TrackInside { index: u32::MAX, track: u32::MAX, frame: u32::MAX }),
+        Failure::Vectors { width: 512 },
+        Failure::NoVectors,
+        Failure::VectorWidth { found: u32::MAX, width: 512 },
+        Failure::VectorValue { index: u32::MAX },
+        Failure::ZeroVector,
     ];
     let updates = [
         UpdateFault::Length { length: u32::MAX, limit: u32::MAX },
@@ -137,6 +151,7 @@ fn every_reply_there_and_back() {
         outcome: Some(ready),
         refused,
         transfer: Some(Transfer { next: u32::MAX, length: u32::MAX }),
+        staged: Some(Transfer { next: u32::MAX, length: u32::MAX }),
         host_lost: Some(LossAction::Hold),
         skipped: faults,
         unsent: u32::MAX,
@@ -152,6 +167,7 @@ fn every_reply_there_and_back() {
             anchors: u8::MAX,
             chunk_bytes: u16::MAX,
             blob_bytes: u32::MAX,
+            condition_bytes: u32::MAX,
             silence_ms: u32::MAX,
             on_silence: LossAction::Finish,
         },
@@ -176,6 +192,12 @@ fn every_reply_there_and_back() {
         Refusal::NotWaiting,
         Refusal::Refinement { found: u8::MAX },
         Refusal::Unusable(updates[4]),
+        Refusal::Conditions(ConditionsFault::NoArea),
+        Refusal::Conditions(ConditionsFault::Length { length: u32::MAX, limit: u32::MAX }),
+        Refusal::Conditions(ConditionsFault::NotSent),
+        Refusal::Conditions(ConditionsFault::Incomplete { next: u32::MAX, length: u32::MAX }),
+        Refusal::Conditions(ConditionsFault::Checksum { computed: u32::MAX, announced: u32::MAX }),
+        Refusal::Conditions(ConditionsFault::Format { at: u32::MAX }),
     ];
     let starts = [Start::Reading, Start::Waiting, Start::Creeping, Start::Ready];
     let mut replies = vec![
@@ -209,13 +231,13 @@ fn bytes_of_a_request_and_its_reply() {
     let whole = [
         0x00, // delimiter
         0x11, // COBS: no zero in the next 16 bytes
-        0x02, // version
+        0x03, // version
         0xB4, 0x24, // session 0x1234
         0x02, // id
         0x09, // BlobBegin
         0xE8, 0x07, // length 1000
         0x8D, 0xE0, 0xFB, 0xD7, 0x0C, // crc32 0xCAFEF00D
-        0xE7, 0xAB, 0xAE, 0xC3, // CRC-32 of the twelve bytes above, as zlib has it
+        0x88, 0xE7, 0x0B, 0x58, // CRC-32 of the twelve bytes above, as zlib has it
         0x00, // delimiter
     ];
     assert_eq!(frame, whole);
@@ -226,10 +248,10 @@ fn bytes_of_a_request_and_its_reply() {
     let whole = [
         0x00, // delimiter
         0x06, // COBS: the next zero stands 6 bytes on
-        0x82, 0xB4, 0x24, 0x02, // version with the device's bit, session, id
+        0x83, 0xB4, 0x24, 0x02, // version with the device's bit, session, id
         0x04, // Chunk
         0x05, // next 0: a zero of the message; the next one stands 5 bytes on
-        0xA7, 0x93, 0x45, 0x4F, // CRC-32
+        0x02, 0x40, 0x19, 0x84, // CRC-32
         0x00, // delimiter
     ];
     assert_eq!(frame, whole);
@@ -237,13 +259,16 @@ fn bytes_of_a_request_and_its_reply() {
 
 /// Fields stand in the order of PROTOCOL.md, and every number is the variant that stands there.
 #[test]
-fn bytes_of_what_protocol_2_brought() {
+fn bytes_of_what_protocols_2_and_3_brought() {
     fn bytes(message: &impl Serialize) -> Vec<u8> {
         postcard::to_slice(message, &mut [0; REQUEST_BYTES]).unwrap().to_vec()
     }
     assert_eq!(bytes(&Command::Hello { take_over: true }), [0, 1]);
     assert_eq!(bytes(&Command::Release), [14]);
     assert_eq!(bytes(&Command::Close), [15]);
+    assert_eq!(bytes(&Command::ConditionsBegin { length: 300, crc32: 1 }), [16, 0xAC, 0x02, 1]);
+    let chunk = Command::ConditionsChunk { offset: 240, bytes: [7, 0].into_iter().collect() };
+    assert_eq!(bytes(&chunk), [17, 0xF0, 0x01, 2, 7, 0]);
     let request =
         Generate { refinement: Refinement::PUBLISHED, evaluations: 7, ..Generate::new("hi".try_into().unwrap()) };
     #[rustfmt::skip]
@@ -257,6 +282,7 @@ fn bytes_of_what_protocol_2_brought() {
         7, // evaluations
         0, // anchors
         0, // play_when_ready
+        0, // conditions
     ];
     assert_eq!(bytes(&Command::Generate(request)), expected);
     let ready = Event::Ready {
@@ -265,6 +291,8 @@ fn bytes_of_what_protocol_2_brought() {
         control_error: Some(0.5),
         understood: Some(Understood { phrase: "bows".try_into().unwrap(), score: 0.25 }),
         strain: Some(Strain { measure: Measure::DISTANCE, value: 1.0, anchor: 31 }),
+        tracking: Some(Tracking { mean: 0.5, worst: 1.0, track: 3, frame: 300, hurried: 2 }),
+        clearance: Some(Clearance { least: -0.5, missing: 0.25, obstacle: 4, joint: 21, frame: 300 }),
     };
     #[rustfmt::skip]
     let expected = [
@@ -273,6 +301,8 @@ fn bytes_of_what_protocol_2_brought() {
         1, 0, 0, 0, 0x3F, // control_error 0.5
         1, 4, b'b', b'o', b'w', b's', 0, 0, 0x80, 0x3E, // understood, score 0.25
         1, 0, 0, 0, 0x80, 0x3F, 31, // strain: distance, 1 m, anchor
+        1, 0, 0, 0, 0x3F, 0, 0, 0x80, 0x3F, 3, 0xAC, 0x02, 2, // tracking: mean, worst, track, frame, hurried
+        1, 0, 0, 0, 0xBF, 0, 0, 0x80, 0x3E, 4, 21, 0xAC, 0x02, // clearance: least, missing, obstacle, joint, frame
     ];
     assert_eq!(bytes(&Reply::Event(ready)), expected);
     assert_eq!(bytes(&Reply::Event(Event::Start(Start::Creeping))), [6, 5, 2]);
@@ -283,6 +313,19 @@ fn bytes_of_what_protocol_2_brought() {
     assert_eq!(refused(Refusal::NotReady(Start::Refused { channel: 9, why })), [2, 14, 4, 9, 1, 5]);
     assert_eq!(refused(Refusal::NotWaiting), [2, 15]);
     assert_eq!(refused(Refusal::Refinement { found: 200 }), [2, 16, 200]);
+    assert_eq!(refused(Refusal::Conditions(ConditionsFault::NoArea)), [2, 18, 0]);
+    assert_eq!(refused(Refusal::Conditions(ConditionsFault::Length { length: 5, limit: 300 })), [2, 18, 1, 5, 0xAC, 2]);
+    assert_eq!(refused(Refusal::Conditions(ConditionsFault::NotSent)), [2, 18, 2]);
+    assert_eq!(refused(Refusal::Conditions(ConditionsFault::Incomplete { next: 1, length: 8 })), [2, 18, 3, 1, 8]);
+    let checksum = ConditionsFault::Checksum { computed: 1, announced: 2 };
+    assert_eq!(refused(Refusal::Conditions(checksum)), [2, 18, 4, 1, 2]);
+    assert_eq!(refused(Refusal::Conditions(ConditionsFault::Format { at: 12 })), [2, 18, 5, 12]);
+    let failed = |why| bytes(&Reply::Event(Event::Failed { job: 1, why }));
+    let track = TrackFault::Position { index: 1, frame: 2, limit: 1000.0 };
+    assert_eq!(failed(Failure::Tracks(track)), [6, 2, 1, 18, 5, 1, 2, 0, 0, 0x7A, 0x44]);
+    let obstacle = ObstacleFault::TrackInside { index: 3, track: 4, frame: 300 };
+    assert_eq!(failed(Failure::Obstacles(obstacle)), [6, 2, 1, 19, 8, 3, 4, 0xAC, 2]);
+    assert_eq!(failed(Failure::VectorWidth { found: 3, width: 512 }), [6, 2, 1, 22, 3, 0x80, 4]);
     let version = UpdateFault::Model(BlobFault::Version { found: 3, supported: 4 });
     assert_eq!(refused(Refusal::Unusable(version)), [2, 17, 4, 3, 3, 4]);
     // Numbers of a blob's faults stay what they are: later ones go to the end.
@@ -304,6 +347,57 @@ fn a_blob_that_needs_other_firmware_is_no_damaged_one() {
     let left_out = of(motionette::blob::Error::NotLinked { feature: "tmd" });
     assert_eq!(left_out, BlobFault::NotLinked { feature: Feature::new("tmd") });
     assert!(left_out.to_string().contains("`tmd`") && left_out.to_string().contains("cargo feature"), "{left_out}");
+}
+
+/// What the runtime says of tracks and obstacles a host says in the same words.
+#[test]
+fn failures_of_tracks_and_obstacles_keep_their_words() {
+    let tracks = [
+        TrackError::TooMany { tracks: 25, limit: 24 },
+        TrackError::Nothing { index: 1 },
+        TrackError::Mask { index: 1, found: 2, positions: 3 },
+        TrackError::JointOutOfRange { index: 1, joint: 22, joints: 22 },
+        TrackError::FrameOutOfRange { index: 1, frame: 40, frames: 40 },
+        TrackError::Position { index: 1, frame: 2, limit: 1000.0 },
+        TrackError::Tolerance { index: 1, tolerance: -0.5 },
+        TrackError::Conflict { first: 1, second: 2, frame: 3 },
+        TrackError::AnchorConflict { track: 1, anchor: 2, frame: 3 },
+        TrackError::NotExact,
+    ];
+    let obstacles = [
+        ObstacleError::TooMany { obstacles: 17, limit: 16 },
+        ObstacleError::Size { index: 1 },
+        ObstacleError::Margin { index: 1, margin: 1.5 },
+        ObstacleError::Place { index: 1 },
+        ObstacleError::TooFast { index: 1, speed: 30.5, limit: 20.0 },
+        ObstacleError::Keyframes { index: 1, keyframe: 2 },
+        ObstacleError::Joints { index: 1 },
+        ObstacleError::AnchorInside { index: 1, anchor: 2 },
+        ObstacleError::TrackInside { index: 1, track: 2, frame: 3 },
+    ];
+    let tracks = tracks.map(|error| (error.to_string(), Failure::from(Error::Tracks(error)), 18));
+    let obstacles = obstacles.map(|error| (error.to_string(), Failure::from(Error::Obstacles(error)), 19));
+    let prompts = [
+        (PromptError::Vectors { width: 512, stored: 0 }, 20),
+        (PromptError::NoVectors, 21),
+        (PromptError::VectorWidth { found: 3, width: 512 }, 22),
+        (PromptError::VectorValue { index: 9 }, 23),
+        (PromptError::ZeroVector, 24),
+    ];
+    for (number, (words, failure, variant)) in tracks.into_iter().chain(obstacles).enumerate() {
+        round_trip(&Event::Failed { job: 1, why: failure }, REPLY_FRAME);
+        assert_eq!(failure.to_string(), words);
+        let fault = if number < 10 { number } else { number - 10 };
+        let sent = postcard::to_slice(&failure, &mut [0; 32]).unwrap()[..2].to_vec();
+        assert_eq!(sent, [variant, fault as u8], "{words}");
+    }
+    for (error, variant) in prompts {
+        let failure = Failure::from(Error::Prompt(error));
+        assert_eq!(postcard::to_slice(&failure, &mut [0; 32]).unwrap()[0], variant);
+        assert!(failure.to_string().contains("vector"), "{failure}");
+    }
+    let left_out = Failure::from(Error::NotLinked { feature: "obstacles" });
+    assert_eq!(left_out, Failure::NotLinked { feature: Feature::new("obstacles") });
 }
 
 /// Names are cut between characters, and what comes over the line is a name or no message.

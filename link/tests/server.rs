@@ -3,11 +3,14 @@
 mod common;
 
 use common::host::{HELLO, Host, SILENCE, replies};
-use common::{BLOB, OTHER, crc, ready};
+use common::{BLOB, CONDITION_BYTES, OTHER, crc, ready, ready_under, sent};
+use motionette::{Course, Joint, Keyframe, Obstacle, Shape, Track};
+use motionette_link::conditions::Given;
 use motionette_link::frame::{Faults, encode};
 use motionette_link::message::{
-    Anchor, BlobFault, Command, Event, Failure, Generate, Header, JobStage, LossAction, Owner, PROTOCOL, REPLY_FRAME,
-    REQUEST_FRAME, Refinement, Refusal, Reply, Start, StartFault, State, Target, Transfer, UpdateFault,
+    Anchor, BlobFault, Command, ConditionsFault, Event, Failure, Generate, Header, JobStage, LossAction, Owner,
+    PROTOCOL, REPLY_FRAME, REQUEST_FRAME, Refinement, Refusal, Reply, Start, StartFault, State, Target, Transfer,
+    UpdateFault,
 };
 use motionette_link::server::{Port, Server, Silence, Sink};
 use motionette_link::update::Store;
@@ -116,23 +119,25 @@ fn stop_works_always() {
     assert_eq!(host.as_numbered(header, &Command::Stop), Reply::Refused(Refusal::Version { supported: PROTOCOL }));
 }
 
-/// What hosts of version 1 sent and understand, byte for byte: the refusal that names the version they are to speak.
+/// What hosts of versions 1 and 2 sent and understand, byte for byte: the refusal that names the version they are to speak.
 #[test]
-fn version_1_is_told_which_version_this_is() {
+fn older_versions_are_told_which_version_this_is() {
     let mut host = Host::greeted(SILENCE);
     // Hello, Stop and a blob's beginning of session 0x1234.
-    let sent: [&[u8]; 3] = [
+    let sent: [&[u8]; 4] = [
         &[0x00, 0x05, 0x01, 0xB4, 0x24, 0x01, 0x05, 0x1D, 0xD8, 0x0D, 0x4F, 0x00],
         &[0x00, 0x0A, 0x01, 0xB4, 0x24, 0x02, 0x03, 0x64, 0xDA, 0x29, 0xFD, 0x00],
         &[
             0x00, 0x11, 0x01, 0xB4, 0x24, 0x02, 0x09, 0xE8, 0x07, 0x8D, 0xE0, 0xFB, 0xD7, 0x0C, 0x17, 0x79, 0x30, 0xB4,
             0x00,
         ],
+        // Hello of version 2.
+        &[0x00, 0x05, 0x02, 0xB4, 0x24, 0x01, 0x01, 0x05, 0x22, 0xFC, 0xDF, 0x37, 0x00],
     ];
-    // Version 2 with the device's bit, session, id; Refused, Version, 2.
-    let first = [0x00, 0x06, 0x82, 0xB4, 0x24, 0x01, 0x02, 0x06, 0x02, 0x25, 0x2E, 0xC9, 0x62, 0x00];
-    let later = [0x00, 0x06, 0x82, 0xB4, 0x24, 0x02, 0x02, 0x06, 0x02, 0xCB, 0x81, 0x7C, 0x70, 0x00];
-    for (bytes, reply) in sent.into_iter().zip([first, later, later]) {
+    // Version 3 with the device's bit, session, id; Refused, Version, 3.
+    let first = [0x00, 0x06, 0x83, 0xB4, 0x24, 0x01, 0x02, 0x06, 0x03, 0x07, 0x15, 0xB9, 0xB3, 0x00];
+    let later = [0x00, 0x06, 0x83, 0xB4, 0x24, 0x02, 0x02, 0x06, 0x03, 0xE9, 0xBA, 0x0C, 0xA1, 0x00];
+    for (bytes, reply) in sent.into_iter().zip([first, later, later, first]) {
         assert_eq!(host.send(bytes), reply);
     }
     assert_eq!(host.robot.calls, [""; 0]);
@@ -560,6 +565,160 @@ fn no_flash_while_something_moves_and_no_movement_while_flash_is_written() {
     (host.session, host.id) = (host.session + 1, 0);
     host.ask(&Command::Hello { take_over: true });
     assert_eq!(host.status().transfer, None);
+}
+
+fn under(conditions: bool) -> Command {
+    let request = Generate::new("a person bows".try_into().unwrap());
+    Command::Generate(Generate { conditions, ..request })
+}
+
+/// Two tracks, an obstacle and a vector: 12 + 12 + 2 * 12 + 40 * 12 + 11 * 12 + 12 bytes and those of the obstacle.
+fn conditions() -> Vec<u8> {
+    let (path, mask) = ([[0.25, 1.0, -0.5]; 40], [1, 0, 1, 1, 0, 0, 0, 0, 0, 0, 1]);
+    let tracks =
+        [Track::new(Joint::RightWrist, 3, &path), Track::new(Joint::Pelvis, 0, &path[..11]).masked(&mask).within(0.02)];
+    let keys = [Keyframe { frame: 0, position: [0.0; 3] }, Keyframe { frame: 9, position: [1.0, 0.0, 0.0] }];
+    let obstacles = [Obstacle::new(Shape::Sphere { radius: 0.5 }, [0.0; 3]).moving(Course::Keyframes(&keys))];
+    sent(&Given { tracks: &tracks, obstacles: &obstacles, vector: Some(&[0.5, -0.5, 1.0]) })
+}
+
+#[test]
+fn conditions_come_in_pieces_and_belong_to_a_request() {
+    let mut host = Host::new(SILENCE);
+    let Reply::Hello(hello) = host.ask(&HELLO) else { panic!() };
+    assert_eq!(hello.limits.condition_bytes as usize, CONDITION_BYTES);
+    let refused = |fault| Refusal::Conditions(fault);
+    assert_eq!(host.refused(&under(true)), refused(ConditionsFault::NotSent));
+    let bytes = conditions();
+    let length = bytes.len() as u32;
+    let chunk = |offset: u32, bytes: &[u8]| Command::ConditionsChunk { offset, bytes: bytes.iter().copied().collect() };
+    assert_eq!(host.refused(&chunk(0, &bytes[..8])), refused(ConditionsFault::NotSent));
+    let begin = Command::ConditionsBegin { length, crc32: crc(&bytes) };
+    assert_eq!(host.ask(&begin), Reply::Chunk { next: 0 });
+    for (index, piece) in bytes.chunks(100).enumerate() {
+        let offset = index as u32 * 100;
+        // Too early, in its turn, and once more under a new number.
+        assert_eq!(host.ask(&chunk(offset + 100, piece)), Reply::Chunk { next: offset });
+        assert_eq!(host.refused(&under(true)), refused(ConditionsFault::Incomplete { next: offset, length }));
+        let Reply::Chunk { next } = host.ask(&chunk(offset, piece)) else { panic!() };
+        assert_eq!(host.ask(&chunk(offset, piece)), Reply::Chunk { next });
+        assert_eq!(host.status().staged, Some(Transfer { next, length }));
+    }
+    // Behind the end nothing is taken.
+    let end = length + 4;
+    assert_eq!(host.refused(&chunk(length, &[0; 4])), refused(ConditionsFault::Length { length: end, limit: length }));
+    assert_eq!(host.robot.calls, [""; 0]);
+
+    // Requests without them do not touch them, those with them may come again and again.
+    host.accepted(&under(false));
+    let job = host.id;
+    for command in [begin.clone(), chunk(0, &bytes[..4]), under(true)] {
+        assert_eq!(host.refused(&command), Refusal::Busy { job });
+    }
+    assert_eq!(host.wait(150), [ready(job, false)]);
+    for _ in 0..2 {
+        host.accepted(&under(true));
+        let job = host.id;
+        assert_eq!(host.robot.given, [2, 1, 3]);
+        assert_eq!(host.wait(150), [ready_under(job, false, [2, 1, 3])]);
+        assert_eq!(host.status().outcome, Some(ready_under(job, false, [2, 1, 3])));
+    }
+    // Also while it moves: they lie in no flash.
+    host.accepted(&Command::Play);
+    assert_eq!(host.ask(&begin), Reply::Chunk { next: 0 });
+    assert_eq!(host.refused(&under(true)), refused(ConditionsFault::Incomplete { next: 0, length }));
+}
+
+#[test]
+fn conditions_that_are_wrong_are_refused_as_such() {
+    let mut host = Host::greeted(SILENCE);
+    let refused = |fault| Refusal::Conditions(fault);
+    let limit = CONDITION_BYTES as u32;
+    for length in [0, 8, 14, limit + 4, u32::MAX] {
+        let begin = Command::ConditionsBegin { length, crc32: 0 };
+        assert_eq!(host.refused(&begin), refused(ConditionsFault::Length { length, limit }));
+    }
+    // Another sum than announced; a bit is wrong. What was wrong is given up.
+    let bytes = conditions();
+    let (computed, announced) = (crc(&bytes), crc(&bytes) ^ 1);
+    let pieces = |host: &mut Host, bytes: &[u8], crc32| {
+        assert_eq!(host.ask(&Command::ConditionsBegin { length: bytes.len() as u32, crc32 }), Reply::Chunk { next: 0 });
+        for (index, piece) in bytes.chunks(240).enumerate() {
+            host.ask(&Command::ConditionsChunk { offset: 240 * index as u32, bytes: piece.iter().copied().collect() });
+        }
+    };
+    pieces(&mut host, &bytes, announced);
+    assert_eq!(host.refused(&under(true)), refused(ConditionsFault::Checksum { computed, announced }));
+    assert_eq!(host.refused(&under(true)), refused(ConditionsFault::NotSent));
+    assert_eq!(host.status().staged, None);
+    // Right sums of what makes no sense: a format that came later, one track too many, four bytes too much.
+    for (at, byte, place) in [(4, 2, 4), (5, 25, 4), (0, bytes[0] + 4, 0), (0, bytes[0] - 4, 0)] {
+        let mut bad = bytes.clone();
+        bad[at] = byte;
+        host.stage(&bad);
+        let why = host.refused(&under(true));
+        let Refusal::Conditions(ConditionsFault::Format { at }) = why else { panic!("{why:?}") };
+        assert!(at == place || place == 0, "{at}");
+        assert!(why.to_string().contains(&format!("byte {at}")), "{why}");
+    }
+    host.stage(&bytes);
+    host.accepted(&under(true));
+    // A device without memory for them.
+    let mut host = Host::greeted(SILENCE);
+    host.robot.area.clear();
+    for command in [Command::ConditionsBegin { length: 12, crc32: 0 }, under(true)] {
+        assert_eq!(host.refused(&command), refused(ConditionsFault::NoArea));
+    }
+    host.accepted(&under(false));
+}
+
+/// Nobody's request is made under what another host has sent, nor under what came in a session that is over.
+#[test]
+fn conditions_are_those_of_a_session() {
+    let bytes = conditions();
+    let none = Reply::Refused(Refusal::Conditions(ConditionsFault::NotSent));
+    for end in ["taken over", "closed", "hung up", "silent"] {
+        for whole in [true, false] {
+            let mut host = Host::greeted(SILENCE);
+            let mut port = host.server.port();
+            if whole {
+                host.stage(&bytes);
+            } else {
+                host.ask(&Command::ConditionsBegin { length: bytes.len() as u32, crc32: crc(&bytes) });
+            }
+            // Another host's requests are refused before anybody looks for conditions.
+            let other = host.another(&mut port, Header::new(5, 1), &under(true));
+            assert_eq!(other, Reply::Refused(Refusal::Session));
+            let events = match end {
+                "closed" => {
+                    host.accepted(&Command::Close);
+                    Vec::new()
+                }
+                "hung up" => {
+                    host.server.hang_up(&host.port);
+                    Vec::new()
+                }
+                "silent" => host.wait(600),
+                _ => Vec::new(),
+            };
+            // Something was given up only where something was under way.
+            let lost = end == "silent" && !whole;
+            assert_eq!(events, if lost { vec![Event::HostLost(LossAction::Abort)] } else { vec![] }, "{end}");
+            if end == "silent" {
+                let status = host.status();
+                assert_eq!((status.staged, status.host_lost), (None, lost.then_some(LossAction::Abort)));
+                assert_eq!(host.ask(&under(true)), none, "{end}");
+            }
+            let reply = host.another(&mut port, Header::new(5, 2), &Command::Hello { take_over: true });
+            assert!(matches!(reply, Reply::Hello(_)));
+            assert_eq!(host.another(&mut port, Header::new(5, 3), &under(true)), none, "{end}");
+            // The first one, back again, has to send them anew.
+            assert!(matches!(host.ask(&Command::Hello { take_over: true }), Reply::Hello(_)));
+            assert_eq!(host.ask(&under(true)), none, "{end}");
+            host.stage(&bytes);
+            host.accepted(&under(true));
+        }
+    }
 }
 
 #[test]

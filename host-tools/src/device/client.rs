@@ -7,10 +7,12 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use motionette::blob::crc32;
+use motionette_link::conditions::Given;
 use motionette_link::frame::{self, Faults, Receiver};
 use motionette_link::message::{
-    Blob, CHUNK_BYTES, Command, Event, FROM_DEVICE, Generate, Header, Hello, Owner, PROTOCOL, REPLY_BYTES,
-    REQUEST_FRAME, Refusal, Reply, Start, State, Status, Strain, Understood, UpdateFault,
+    Blob, CHUNK_BYTES, Clearance, Command, ConditionsFault, Event, FROM_DEVICE, Generate, Header, Hello, Owner,
+    PROTOCOL, REPLY_BYTES, REQUEST_FRAME, Refusal, Reply, Start, State, Status, Strain, Tracking, Understood,
+    UpdateFault,
 };
 
 use super::{Error, Transport};
@@ -63,6 +65,10 @@ pub struct Made {
     pub understood: Option<Understood>,
     /// What the anchors ask of the motion.
     pub strain: Option<Strain>,
+    /// How far the motion is from its tracks.
+    pub tracking: Option<Tracking>,
+    /// How far it keeps clear of its obstacles.
+    pub clearance: Option<Clearance>,
 }
 
 /// The host's side of a session with a device.
@@ -247,6 +253,27 @@ impl<T: Transport> Client<T> {
         Ok(self.events.pop_front())
     }
 
+    /// Sends the conditions of requests to come, those with [`Generate::conditions`]; `observe` sees how many of their bytes have arrived. What
+    /// was sent before is no longer there. False: there is nothing to send, and nothing was sent.
+    ///
+    /// # Errors
+    /// As [`Client::request`]; [`Error::Unfit`] and [`Error::Refused`] with [`Refusal::Conditions`] for what cannot fit.
+    pub fn stage(&mut self, hello: &Hello, given: &Given<'_>, observe: &mut dyn FnMut(u32)) -> Result<bool, Error> {
+        if given.is_empty() {
+            return Ok(false);
+        }
+        let (length, limit) = (given.bytes().map_err(Error::Unfit)?, hello.limits.condition_bytes);
+        if length > limit {
+            let fault = if limit == 0 { ConditionsFault::NoArea } else { ConditionsFault::Length { length, limit } };
+            return Err(Error::Refused(fault.into()));
+        }
+        let mut bytes = Vec::new();
+        given.write(&mut bytes).map_err(Error::Unfit)?;
+        let begin = Command::ConditionsBegin { length, crc32: !crc32(!0, &bytes) };
+        self.send_pieces(&begin, &bytes, |offset, bytes| Command::ConditionsChunk { offset, bytes }, observe)?;
+        Ok(true)
+    }
+
     /// Has a motion made and waits for it; `observe` sees how it goes.
     ///
     /// # Errors
@@ -254,8 +281,8 @@ impl<T: Transport> Client<T> {
     pub fn generate(&mut self, request: &Generate, observe: &mut Observe<'_>) -> Result<Made, Error> {
         self.tell(&Command::Generate(request.clone()))?;
         match self.outcome(self.id, observe)? {
-            Event::Ready { frames, control_error, understood, strain, .. } => {
-                Ok(Made { frames, control_error, understood, strain })
+            Event::Ready { frames, control_error, understood, strain, tracking, clearance, .. } => {
+                Ok(Made { frames, control_error, understood, strain, tracking, clearance })
             }
             _ => Err(Error::Unexpected),
         }
@@ -359,22 +386,37 @@ impl<T: Transport> Client<T> {
     /// As [`Client::request`].
     pub fn send_blob(&mut self, blob: &[u8], observe: &mut dyn FnMut(u32)) -> Result<Blob, Error> {
         let length = u32::try_from(blob.len()).unwrap_or(u32::MAX);
-        let mut next = match self.request(&Command::BlobBegin { length, crc32: !crc32(!0, blob) })? {
-            Reply::Chunk { next } => next,
-            _ => return Err(Error::Unexpected),
-        };
-        while next < length {
-            observe(next);
-            let chunk = blob.get(next as usize..).unwrap_or(&[]);
-            let bytes = chunk.iter().take(CHUNK_BYTES).copied().collect();
-            next = match self.request(&Command::BlobChunk { offset: next, bytes })? {
-                Reply::Chunk { next } => next,
-                _ => return Err(Error::Unexpected),
-            };
-        }
-        observe(length);
+        let begin = Command::BlobBegin { length, crc32: !crc32(!0, blob) };
+        self.send_pieces(&begin, blob, |offset, bytes| Command::BlobChunk { offset, bytes }, observe)?;
         match self.request(&Command::BlobCommit)? {
             Reply::Committed(blob) => Ok(blob),
+            _ => Err(Error::Unexpected),
+        }
+    }
+
+    /// Sends all of `bytes` in chunks, behind `begin`.
+    fn send_pieces(
+        &mut self,
+        begin: &Command,
+        bytes: &[u8],
+        chunk: impl Fn(u32, heapless::Vec<u8, CHUNK_BYTES>) -> Command,
+        observe: &mut dyn FnMut(u32),
+    ) -> Result<(), Error> {
+        let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+        let mut next = self.next_offset(begin)?;
+        while next < length {
+            observe(next);
+            let left = bytes.get(next as usize..).unwrap_or(&[]);
+            next = self.next_offset(&chunk(next, left.iter().take(CHUNK_BYTES).copied().collect()))?;
+        }
+        observe(length);
+        Ok(())
+    }
+
+    /// Where the device expects the next bytes of what is being sent.
+    fn next_offset(&mut self, command: &Command) -> Result<u32, Error> {
+        match self.request(command)? {
+            Reply::Chunk { next } => Ok(next),
             _ => Err(Error::Unexpected),
         }
     }

@@ -3,8 +3,9 @@
 use std::io;
 use std::time::Duration;
 
+use motionette_link::conditions::Unfit;
 use motionette_link::message::{
-    ANCHORS, BlobFault, Failure, PROTOCOL, Refusal, Start, StartFault, TEXT_BYTES, UpdateFault,
+    ANCHORS, BlobFault, ConditionsFault, Failure, PROTOCOL, Refusal, Start, StartFault, TEXT_BYTES, UpdateFault,
 };
 
 /// Why something was not done, or why nobody knows whether it was.
@@ -90,6 +91,9 @@ pub enum Error {
         /// How many there are.
         anchors: usize,
     },
+    /// Tracks, obstacles or the vector of the prompt do not fit a request.
+    #[error("{0}")]
+    Unfit(Unfit),
 }
 
 impl Error {
@@ -124,6 +128,9 @@ impl Error {
                 Some("`motionette device status` says how it stands, `motionette device play` tries again")
             }
             Error::Refused(refusal) => hint_of_refusal(refusal),
+            Error::Failed(Failure::NotLinked { .. }) => {
+                Some("add the feature to motionette's in the firmware's Cargo.toml and flash it")
+            }
             _ => None,
         }
     }
@@ -182,6 +189,15 @@ fn hint_of_refusal(refusal: &Refusal) -> Option<&'static str> {
         Refusal::Transferring { .. } => Some("it ends by itself when its sender is gone"),
         Refusal::NoModel => Some("`motionette device send-blob` brings one"),
         Refusal::Update(_) => Some("the blob that was active stays so"),
+        Refusal::Conditions(ConditionsFault::NoArea) => Some(
+            "firmware gives its device's state memory for them with `DeviceState::with_area`, and `motionette` its features",
+        ),
+        Refusal::Conditions(ConditionsFault::Length { .. }) => Some(
+            "a position of a track takes 12 bytes: leave out what need not be followed, or give the firmware more memory for them",
+        ),
+        Refusal::Conditions(ConditionsFault::Format { .. }) => {
+            Some("firmware and tools are of different versions: update the older one")
+        }
         _ => None,
     }
 }

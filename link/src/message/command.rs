@@ -59,6 +59,21 @@ pub enum Command {
     Release,
     /// Ends the session, so that another host need not wait; a transfer is given up, what moves or is made goes on. Reply: accepted.
     Close,
+    /// Begins to stage conditions of requests, [`conditions`](crate::conditions); what was staged before is given up. Reply: `Chunk` with
+    /// offset 0.
+    ConditionsBegin {
+        /// Their bytes, a multiple of four.
+        length: u32,
+        /// CRC-32 (IEEE 802.3) of all their bytes.
+        crc32: u32,
+    },
+    /// The next bytes of the conditions. Reply: `Chunk` with the offset that is expected next; bytes at any other offset are not taken.
+    ConditionsChunk {
+        /// Where they stand in the conditions.
+        offset: u32,
+        /// The bytes.
+        bytes: Vec<u8, CHUNK_BYTES>,
+    },
 }
 
 /// How long a motion becomes.
@@ -73,7 +88,7 @@ pub enum Length {
 /// A motion to be made. Limits and meaning are those of [`motionette::Request`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Generate {
-    /// What it is to be.
+    /// What it is to be; not read where the conditions have a prompt's vector.
     pub text: String<TEXT_BYTES>,
     /// How long.
     pub length: Length,
@@ -91,10 +106,12 @@ pub struct Generate {
     pub anchors: Vec<Anchor, ANCHORS>,
     /// Plays it as soon as it is ready, without a `Play`.
     pub play_when_ready: bool,
+    /// Whether the conditions that are staged belong to it.
+    pub conditions: bool,
 }
 
 impl Generate {
-    /// A motion of `text` with the runtime's defaults, of predicted length, without anchors.
+    /// A motion of `text` with the runtime's defaults, of predicted length, without anchors and conditions.
     #[must_use]
     pub fn new(text: String<TEXT_BYTES>) -> Self {
         Generate {
@@ -107,6 +124,7 @@ impl Generate {
             evaluations: 0,
             anchors: Vec::new(),
             play_when_ready: false,
+            conditions: false,
         }
     }
 
@@ -116,7 +134,7 @@ impl Generate {
         self.anchors.iter().copied().map(Into::into).collect()
     }
 
-    /// The request that the runtime is to run, with [`Generate::anchors`] put in a place of the caller's.
+    /// The request that the runtime is to run, with [`Generate::anchors`] put in a place of the caller's, and without staged conditions.
     #[must_use]
     pub fn request<'r>(&'r self, anchors: &'r [motionette::Anchor]) -> motionette::Request<'r> {
         let length = match self.length {

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::Feature;
+use super::{Feature, ObstacleFault, TrackFault};
 use motionette::AnchorError;
 use motionette::Error;
 use motionette::PlanningError;
@@ -102,9 +102,34 @@ pub enum Failure {
         /// The feature.
         feature: Feature,
     },
+    /// A track was refused.
+    Tracks(TrackFault),
+    /// An obstacle was refused.
+    Obstacles(ObstacleFault),
+    /// The model reads no words: it takes prompts as vectors.
+    Vectors {
+        /// Numbers of a vector.
+        width: u32,
+    },
+    /// The model takes prompts in words, not as vectors.
+    NoVectors,
+    /// The vector of the prompt is of another encoder.
+    VectorWidth {
+        /// Its numbers.
+        found: u32,
+        /// Numbers of one that the model takes.
+        width: u32,
+    },
+    /// A number of the prompt's vector is not finite, or beyond what any encoder gives.
+    VectorValue {
+        /// Its place, from 0.
+        index: u32,
+    },
+    /// All numbers of the prompt's vector are zero.
+    ZeroVector,
 }
 
-fn number(value: usize) -> u32 {
+pub(super) fn number(value: usize) -> u32 {
     u32::try_from(value).unwrap_or(u32::MAX)
 }
 
@@ -117,6 +142,8 @@ impl From<Error> for Failure {
             Error::Prompt(e) => e.into(),
             Error::Planning(e) => e.into(),
             Error::Anchors(e) => e.into(),
+            Error::Tracks(e) => Failure::Tracks(e.into()),
+            Error::Obstacles(e) => Failure::Obstacles(e.into()),
             Error::Solver(_) => Failure::Solver,
             Error::NotLinked { feature } => Failure::NotLinked { feature: Feature::new(feature) },
             Error::Aborted => Failure::Aborted,
@@ -134,6 +161,13 @@ impl From<PromptError> for Failure {
                 Failure::LongPrompt { found: number(found), limit: number(limit) }
             }
             PromptError::OnlyUnknownWords { words } => Failure::UnknownWords { words: number(words) },
+            PromptError::Vectors { width, .. } => Failure::Vectors { width: number(width) },
+            PromptError::NoVectors => Failure::NoVectors,
+            PromptError::VectorWidth { found, width } => {
+                Failure::VectorWidth { found: number(found), width: number(width) }
+            }
+            PromptError::VectorValue { index } => Failure::VectorValue { index: number(index) },
+            PromptError::ZeroVector => Failure::ZeroVector,
             _ => Failure::Unknown,
         }
     }
@@ -209,6 +243,19 @@ impl fmt::Display for Failure {
                     "the request needs cargo feature {feature} of the runtime, which the firmware was built without"
                 )
             }
+            Failure::Tracks(fault) => fault.fmt(f),
+            Failure::Obstacles(fault) => fault.fmt(f),
+            Failure::Vectors { width } => {
+                write!(f, "the device's model reads no words, it takes prompts as vectors of {width} numbers")
+            }
+            Failure::NoVectors => write!(f, "the device's model takes prompts in words, not as vectors"),
+            Failure::VectorWidth { found, width } => {
+                write!(f, "the prompt is a vector of {found} numbers, the device's model takes {width}")
+            }
+            Failure::VectorValue { index } => {
+                write!(f, "number {index} of the prompt's vector is not finite, or beyond 10000")
+            }
+            Failure::ZeroVector => write!(f, "the prompt's vector is all zeros"),
             Failure::Unknown => write!(f, "the runtime failed for a reason this protocol has no word for"),
         }
     }

@@ -1,5 +1,6 @@
 //! What a device says of a motion that it has made.
 
+use motionette::refining::Followed;
 use motionette::{Model, Motion, Words};
 use serde::{Deserialize, Serialize};
 
@@ -102,6 +103,75 @@ impl Strain {
         let after = motion.refinement?.after?;
         Some(Strain { measure: Measure::DISTANCE, value: after.worst, anchor: after.worst_anchor })
     }
+}
+
+/// How far a motion is from its tracks: [`motionette::refining::TrackingError`] on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Tracking {
+    /// Mean distance over all positions that count, on the axes that do, metres.
+    pub mean: f32,
+    /// Largest distance, metres.
+    pub worst: f32,
+    /// Track with the largest distance, counted in the request's list from 0.
+    pub track: u16,
+    /// Its frame.
+    pub frame: u16,
+    /// Positions that could not be followed as fast as they ask for.
+    pub hurried: u16,
+}
+
+impl Tracking {
+    /// Of a motion with tracks.
+    #[must_use]
+    pub fn of(motion: &Motion<'_>) -> Option<Self> {
+        let Followed { after, hurried, .. } = followed(motion)?;
+        after.map(|it| Tracking {
+            mean: it.mean,
+            worst: it.worst,
+            track: it.worst_track,
+            frame: it.worst_frame,
+            hurried,
+        })
+    }
+}
+
+/// How far a motion keeps clear of its obstacles: [`motionette::refining::Clearance`] on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Clearance {
+    /// Least distance from a surface, metres; negative inside.
+    pub least: f32,
+    /// By how much it is less than the obstacle's margin, metres; negative where all of the margin is kept.
+    pub missing: f32,
+    /// The obstacle, counted in the request's list from 0.
+    pub obstacle: u16,
+    /// The joint, or the one at the end of the bone.
+    pub joint: u8,
+    /// The frame.
+    pub frame: u16,
+}
+
+impl Clearance {
+    /// Of a motion with obstacles.
+    #[must_use]
+    pub fn of(motion: &Motion<'_>) -> Option<Self> {
+        followed(motion)?.clearance.map(|it| Clearance {
+            least: it.least,
+            missing: it.missing,
+            obstacle: it.obstacle,
+            joint: it.joint,
+            frame: it.frame,
+        })
+    }
+
+    /// Whether the figure keeps clear of all obstacles; where it does not, there was no way for it.
+    #[must_use]
+    pub fn kept(&self) -> bool {
+        self.missing <= motionette::refining::Clearance::TOLERANCE
+    }
+}
+
+fn followed(motion: &Motion<'_>) -> Option<Followed> {
+    motion.refinement?.edited?.followed
 }
 
 /// What a strain is measured in: a number, so that a host can read the reply of a device that measures something newer.

@@ -8,37 +8,41 @@ mod command;
 mod failure;
 mod feature;
 mod made;
+mod obstacle_fault;
 mod refinement;
 mod refusal;
 mod reply;
 mod start;
+mod track_fault;
 
 pub use anchor::{Anchor, Target};
 pub use command::{Command, Generate, Length};
 pub use failure::Failure;
 pub use feature::Feature;
-pub use made::{Measure, Phrase, Strain, Understood};
+pub use made::{Clearance, Measure, Phrase, Strain, Tracking, Understood};
+pub use obstacle_fault::ObstacleFault;
 pub use refinement::Refinement;
-pub use refusal::{BlobFault, FlashFault, Refusal, UpdateFault};
+pub use refusal::{BlobFault, ConditionsFault, FlashFault, Refusal, UpdateFault};
 pub use reply::{
     Blob, Condition, DeviceLimits, Event, Hello, JobStage, LossAction, ModelInfo, Owner, RefusedBlob, Reply, State,
     Status, Transfer, Work,
 };
 pub use start::{Start, StartFault};
+pub use track_fault::TrackFault;
 
 use serde::{Deserialize, Serialize};
 
 use crate::frame::{CRC_BYTES, frame_bytes};
 
 /// Version of the protocol, below 128. Readers refuse other versions and name their own.
-pub const PROTOCOL: u8 = 2;
+pub const PROTOCOL: u8 = 3;
 /// Set in the version of what a device sends, so that an echo on the line is no request.
 pub const FROM_DEVICE: u8 = 0x80;
 /// Longest prompt, bytes of UTF-8.
 pub const TEXT_BYTES: usize = 192;
 /// Most anchors of a request.
 pub const ANCHORS: usize = motionette::MAX_ANCHORS;
-/// Most bytes of a blob in one message.
+/// Most bytes of a blob, or of conditions, in one message.
 pub const CHUNK_BYTES: usize = 240;
 /// Longest name, bytes of UTF-8.
 pub const NAME_BYTES: usize = 32;
@@ -49,7 +53,7 @@ pub const FEATURE_BYTES: usize = 24;
 /// Bytes of the longest request with its checksum.
 pub const REQUEST_BYTES: usize = 832 + CRC_BYTES;
 /// Bytes of the longest reply with its checksum.
-pub const REPLY_BYTES: usize = 248 + CRC_BYTES;
+pub const REPLY_BYTES: usize = 288 + CRC_BYTES;
 /// Bytes of the longest frame from the host.
 pub const REQUEST_FRAME: usize = frame_bytes(REQUEST_BYTES);
 /// Bytes of the longest frame from the device.

@@ -67,6 +67,43 @@ pub enum Refusal {
     },
     /// The blob in the newest slot is not used: there is no model.
     Unusable(UpdateFault),
+    /// Conditions were not taken, or are not there for a request that they belong to.
+    Conditions(ConditionsFault),
+}
+
+/// Why conditions were not taken, or cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ConditionsFault {
+    /// The firmware sets no memory aside for them.
+    NoArea,
+    /// They do not fit, or are no whole words.
+    Length {
+        /// Their bytes.
+        length: u32,
+        /// Most bytes there is room for.
+        limit: u32,
+    },
+    /// None have been sent in this session.
+    NotSent,
+    /// Bytes are missing.
+    Incomplete {
+        /// Bytes that have come.
+        next: u32,
+        /// Bytes of the conditions.
+        length: u32,
+    },
+    /// The bytes that came are not those that were announced; they have been given up.
+    Checksum {
+        /// CRC-32 of the bytes that came.
+        computed: u32,
+        /// CRC-32 that was announced.
+        announced: u32,
+    },
+    /// They are not of the format that the device reads; they have been given up.
+    Format {
+        /// Offset of the bytes that make no sense.
+        at: u32,
+    },
 }
 
 /// Why a blob was not taken. The one that was active stays so.
@@ -209,6 +246,12 @@ impl From<blob::Error> for BlobFault {
     }
 }
 
+impl From<ConditionsFault> for Refusal {
+    fn from(fault: ConditionsFault) -> Self {
+        Refusal::Conditions(fault)
+    }
+}
+
 impl From<UpdateFault> for Refusal {
     fn from(fault: UpdateFault) -> Self {
         Refusal::Update(fault)
@@ -247,11 +290,38 @@ impl fmt::Display for Refusal {
                 write!(f, "the device does not know refinement method {found}, only 0 to {}", Refinement::EXACT.0)
             }
             Refusal::Unusable(fault) => write!(f, "the device has no model that it can use: {fault}"),
+            Refusal::Conditions(fault) => fault.fmt(f),
         }
     }
 }
 
 impl core::error::Error for Refusal {}
+
+impl fmt::Display for ConditionsFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            ConditionsFault::NoArea => {
+                write!(f, "the device's firmware sets no memory aside for tracks, obstacles and vectors of prompts")
+            }
+            ConditionsFault::Length { length, limit } => {
+                write!(f, "conditions of {length} bytes, the device takes up to {limit}, a multiple of four")
+            }
+            ConditionsFault::NotSent => write!(f, "no conditions have been sent for the request"),
+            ConditionsFault::Incomplete { next, length } => {
+                write!(f, "only {next} of {length} bytes of the request's conditions have come")
+            }
+            ConditionsFault::Checksum { computed, announced } => write!(
+                f,
+                "the conditions that came have CRC-32 {computed:08x}, announced was {announced:08x}: send them again"
+            ),
+            ConditionsFault::Format { at } => {
+                write!(f, "the conditions make no sense to the device at byte {at}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for ConditionsFault {}
 
 impl fmt::Display for UpdateFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -4,7 +4,7 @@ use motionette::playback;
 use motionette::playback::output::BusStatus;
 use serde::{Deserialize, Serialize};
 
-use super::{Failure, Name, Refusal, Start, Strain, Understood, UpdateFault};
+use super::{Clearance, Failure, Name, Refusal, Start, Strain, Tracking, Understood, UpdateFault};
 use crate::frame::Faults;
 
 /// An answer to a request, or an event that nobody asked for.
@@ -18,7 +18,7 @@ pub enum Reply {
     Refused(Refusal),
     /// How things stand.
     Status(Status),
-    /// Bytes of a blob were taken, or not.
+    /// Bytes of a blob, or of conditions, were taken, or not.
     Chunk {
         /// Offset of the byte that is expected next.
         next: u32,
@@ -44,6 +44,10 @@ pub enum Event {
         understood: Option<Understood>,
         /// What the anchors ask of the motion, if it has some.
         strain: Option<Strain>,
+        /// How far it is from its tracks, if it has some.
+        tracking: Option<Tracking>,
+        /// How far it keeps clear of its obstacles, if it has some.
+        clearance: Option<Clearance>,
     },
     /// The motion was played to its end.
     Finished,
@@ -139,6 +143,8 @@ pub struct DeviceLimits {
     pub chunk_bytes: u16,
     /// Bytes of the largest blob; 0: blobs cannot be sent.
     pub blob_bytes: u32,
+    /// Bytes of the conditions of a request, [`conditions`](crate::conditions); 0: it takes none.
+    pub condition_bytes: u32,
     /// Silence of the host, milliseconds, after which `on_silence` is done; 0: never.
     pub silence_ms: u32,
     /// What is done then with a motion.
@@ -299,12 +305,12 @@ pub enum Owner {
     Nobody,
 }
 
-/// A transfer that is under way.
+/// A transfer that is under way, or conditions that are staged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Transfer {
     /// Offset of the byte that is expected next.
     pub next: u32,
-    /// Bytes of the blob.
+    /// Bytes of the blob, or of the conditions.
     pub length: u32,
 }
 
@@ -321,6 +327,8 @@ pub struct Status {
     pub refused: Option<RefusedBlob>,
     /// The transfer of a blob.
     pub transfer: Option<Transfer>,
+    /// The conditions that are staged, whole when all their bytes have come.
+    pub staged: Option<Transfer>,
     /// What was done about a silent host since the session's last status.
     pub host_lost: Option<LossAction>,
     /// What the device's receiver skipped of this line.

@@ -26,7 +26,8 @@ impl<const N: usize> Sink for heapless::Vec<u8, N> {
 /// What is to be worked on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Job<'a> {
-    /// A motion; [`Generate::request`] makes the runtime's request of it.
+    /// A motion; [`Generate::request`] makes the runtime's request of it. Where [`Generate::conditions`] is set, the conditions lie whole
+    /// at the beginning of [`Device::area`]; [`Conditions`](crate::conditions::Conditions) reads them.
     Generate(&'a Generate),
     /// [`motionette::Generator::self_test`].
     SelfTest,
@@ -39,6 +40,8 @@ pub struct Description {
     pub preset: Name,
     /// Its model.
     pub model: Option<ModelInfo>,
+    /// Bytes of the memory for conditions, whoever uses it now; 0: there is none.
+    pub condition_bytes: u32,
 }
 
 /// The robot, as the link sees it.
@@ -103,6 +106,12 @@ pub trait Device {
 
     /// The flash that holds blobs, if the device has such.
     fn storage(&mut self) -> Option<&mut Self::Storage>;
+
+    /// The memory for conditions; `None`: there is none, or a job uses it. MUST be there, and hold what was written there before, whenever
+    /// no job is under way. By default there is none.
+    fn area(&mut self) -> Option<&mut [u32]> {
+        None
+    }
 
     /// Another blob is the active one: whoever runs jobs is to open it before the next.
     fn activated(&mut self, store: &Store);

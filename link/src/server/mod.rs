@@ -6,6 +6,7 @@
 //! - one session at a time: another host is refused until the first closes its own, falls silent, or is taken over;
 //! - `Stop` is executed in every state and for every host, and `Status` answered for every host;
 //! - one job at a time, and none while a blob is transferred or, for a transfer, while the body moves;
+//! - conditions belong to requests of the session in which they came, and are not changed while a job uses them;
 //! - a host that falls silent is noticed after a set time, and said to the next one: only requests of the session, of this version and
 //!   well-formed, are signs of life.
 
@@ -20,10 +21,11 @@ pub use silence::Silence;
 
 use serde::Serialize;
 
+use crate::conditions::Staged;
 use crate::frame::{self, Faults};
 use crate::message::{
-    ANCHORS, CHUNK_BYTES, Command, Condition, DeviceLimits, Event, Header, Hello, LossAction, Owner, PROTOCOL,
-    REPLY_FRAME, Refusal, Reply, Status, TEXT_BYTES, name,
+    ANCHORS, CHUNK_BYTES, Command, Condition, ConditionsFault, DeviceLimits, Event, Header, Hello, LossAction, Owner,
+    PROTOCOL, REPLY_FRAME, Refusal, Reply, Status, TEXT_BYTES, name,
 };
 use crate::update::Store;
 use session::{Order, Session};
@@ -39,6 +41,7 @@ pub struct Server {
     ports: u32,
     watch: Watch,
     store: Store,
+    staged: Staged,
     /// An event that waits for room on its way out.
     pending: Option<Event>,
     outcome: Option<Event>,
@@ -55,6 +58,7 @@ impl Server {
             ports: 0,
             watch: Watch::new(silence),
             store,
+            staged: Staged::EMPTY,
             pending: None,
             outcome: None,
             unsent: 0,
@@ -141,7 +145,7 @@ impl Server {
                 if !take_over && self.session.is_open() && !self.watch.silent(now) {
                     return refuse(Refusal::Occupied { free_in_ms: self.watch.left(now) });
                 }
-                self.store.abort();
+                self.give_up();
                 self.session.begin(&header);
             }
             (_, Command::Stop) => {
@@ -172,8 +176,14 @@ impl Server {
 
     /// Ends the session. What moves or is made goes on, as after a host that fell silent.
     fn close(&mut self) {
-        self.store.abort();
+        self.give_up();
         self.session.close();
+    }
+
+    /// Gives up what the session's host has sent and not finished.
+    fn give_up(&mut self) {
+        self.store.abort();
+        self.staged.abort();
     }
 
     fn answer(&mut self, answer: Answer, skipped: Faults, out: &mut impl Sink) {
@@ -202,6 +212,9 @@ impl Server {
             Command::Generate(request) => {
                 if !request.refinement.is_known() {
                     return Err(Refusal::Refinement { found: request.refinement.0 });
+                }
+                if request.conditions {
+                    self.staged.whole(area(device)?)?;
                 }
                 self.start(id, Job::Generate(&request), device)?;
             }
@@ -242,6 +255,13 @@ impl Server {
                 return Ok(Reply::Committed(blob));
             }
             Command::BlobAbort => self.store.abort(),
+            Command::ConditionsBegin { length, crc32 } => {
+                self.staged.begin(area(device)?, length, crc32)?;
+                return Ok(Reply::Chunk { next: 0 });
+            }
+            Command::ConditionsChunk { offset, bytes } => {
+                return Ok(Reply::Chunk { next: self.staged.write(area(device)?, offset, &bytes)? });
+            }
         }
         Ok(Reply::Accepted)
     }
@@ -266,7 +286,7 @@ impl Server {
 
     fn hello<D: Device>(&self, device: &mut D) -> Hello {
         let blob_bytes = device.storage().map_or(0, |storage| Store::capacity(storage));
-        let Description { preset, model } = device.describe();
+        let Description { preset, model, condition_bytes } = device.describe();
         let Silence { after_ms, action } = self.watch.silence();
         Hello {
             version: name(env!("CARGO_PKG_VERSION")),
@@ -279,6 +299,7 @@ impl Server {
                 anchors: ANCHORS as u8,
                 chunk_bytes: CHUNK_BYTES as u16,
                 blob_bytes,
+                condition_bytes,
                 silence_ms: after_ms,
                 on_silence: action,
             },
@@ -292,6 +313,7 @@ impl Server {
             outcome: self.outcome.clone(),
             refused: self.store.refused(),
             transfer: self.store.transfer(),
+            staged: self.staged.transfer(),
             host_lost: self.watch.unreported(),
             skipped: Faults::default(),
             unsent: self.unsent,
@@ -302,8 +324,10 @@ impl Server {
     /// after anything has ended. `out` leads to the session's host, see [`Server::is_owner`].
     pub fn poll<D: Device>(&mut self, now: u64, device: &mut D, out: &mut impl Sink) {
         if self.watch.silent(now) {
-            if self.store.transfer().is_some() {
-                self.store.abort();
+            let sending = self.staged.transfer().is_some_and(|staged| staged.next < staged.length);
+            let sending = sending || self.store.transfer().is_some();
+            self.give_up();
+            if sending {
                 self.lost(LossAction::Abort, out);
             }
             let Condition { state, work, .. } = device.condition();
@@ -359,6 +383,14 @@ fn parse(body: &[u8]) -> Option<Command> {
     match postcard::take_from_bytes(body) {
         Ok((command, [])) => Some(command),
         _ => None,
+    }
+}
+
+/// The memory for conditions, while no job may read there.
+fn area<D: Device>(device: &mut D) -> Result<&mut [u32], Refusal> {
+    match device.condition().work {
+        Some(work) => Err(Refusal::Busy { job: work.job }),
+        None => device.area().ok_or(Refusal::Conditions(ConditionsFault::NoArea)),
     }
 }
 

@@ -108,6 +108,17 @@ impl Host {
         }
     }
 
+    /// Whole conditions.
+    pub fn stage(&mut self, bytes: &[u8]) {
+        let begin = Command::ConditionsBegin { length: bytes.len() as u32, crc32: crc(bytes) };
+        assert_eq!(self.ask(&begin), Reply::Chunk { next: 0 });
+        for (index, chunk) in bytes.chunks(240).enumerate() {
+            let offset = index as u32 * 240;
+            let command = Command::ConditionsChunk { offset, bytes: chunk.iter().copied().collect() };
+            assert_eq!(self.ask(&command), Reply::Chunk { next: offset + chunk.len() as u32 });
+        }
+    }
+
     /// A whole blob, without the commit.
     pub fn transfer(&mut self, blob: &[u8]) {
         let begin = Command::BlobBegin { length: blob.len() as u32, crc32: crc(blob) };

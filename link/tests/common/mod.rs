@@ -8,9 +8,10 @@ use std::collections::VecDeque;
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
+use motionette_link::conditions::{Conditions, Given};
 use motionette_link::message::{
-    Condition, Event, Failure, Generate, JobStage, Measure, ModelInfo, Refusal, Start, State, Strain, Understood,
-    UpdateFault, Work, name,
+    Clearance, Condition, Event, Failure, Generate, JobStage, Measure, ModelInfo, Refusal, Start, State, Strain,
+    Tracking, Understood, UpdateFault, Work, name,
 };
 use motionette_link::server::{Description, Device, Job, Sink};
 use motionette_link::update::{Layout, Slot, Storage, Store};
@@ -209,6 +210,21 @@ pub struct Robot {
     pub model: bool,
     /// Ids of all jobs.
     pub jobs: Vec<u32>,
+    /// Memory for conditions, and whether there is any.
+    pub area: Vec<u32>,
+    /// Tracks and obstacles of the job, and numbers of its prompt's vector.
+    pub given: [usize; 3],
+}
+
+/// Bytes of the robot's memory for conditions.
+pub const CONDITION_BYTES: usize = 4096;
+
+/// Conditions as they are sent.
+pub fn sent(given: &Given<'_>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    given.write(&mut bytes).unwrap();
+    assert_eq!(given.bytes(), Ok(bytes.len() as u32));
+    bytes
 }
 
 impl Default for Robot {
@@ -236,6 +252,8 @@ impl Default for Robot {
             frames: 3,
             model: true,
             jobs: Vec::new(),
+            area: vec![0xA5A5_A5A5; CONDITION_BYTES / 4],
+            given: [0; 3],
         }
     }
 }
@@ -248,7 +266,20 @@ pub fn ready(job: u32, anchored: bool) -> Event {
         control_error: anchored.then_some(0.25),
         understood: Some(Understood { phrase: "person bows".try_into().unwrap(), score: 0.5 }),
         strain: anchored.then_some(Strain { measure: Measure::DISTANCE, value: 0.75, anchor: 2 }),
+        tracking: None,
+        clearance: None,
     }
+}
+
+/// The same of a motion with tracks and obstacles.
+pub fn ready_under(job: u32, anchored: bool, [tracks, obstacles, _]: [usize; 3]) -> Event {
+    let mut event = ready(job, anchored);
+    if let Event::Ready { tracking, clearance, .. } = &mut event {
+        *tracking = (tracks > 0).then_some(Tracking { mean: 0.125, worst: 0.5, track: 1, frame: 7, hurried: 3 });
+        *clearance =
+            (obstacles > 0).then_some(Clearance { least: -0.25, missing: 0.25, obstacle: 1, joint: 21, frame: 9 });
+    }
+    event
 }
 
 impl Robot {
@@ -272,7 +303,7 @@ impl Robot {
                 match self.last.take() {
                     Some(request) => {
                         self.condition.frames_queued = self.frames;
-                        self.events.push_back(ready(job, !request.anchors.is_empty()));
+                        self.events.push_back(ready_under(job, !request.anchors.is_empty(), self.given));
                         if self.play_when_ready {
                             self.condition.state = State::Playing;
                         }
@@ -298,7 +329,7 @@ impl Device for Robot {
 
     fn describe(&self) -> Description {
         let model = self.model.then(|| ModelInfo { name: name("nano"), frame_rate: 20, frames: 196 });
-        Description { preset: name("table-top"), model }
+        Description { preset: name("table-top"), model, condition_bytes: 4 * self.area.len() as u32 }
     }
 
     fn condition(&self) -> Condition {
@@ -322,6 +353,13 @@ impl Device for Robot {
             Job::Generate(request) => Some(request.clone()),
             Job::SelfTest => None,
         };
+        self.given = [0; 3];
+        if self.last.as_ref().is_some_and(|request| request.conditions) {
+            let conditions = Conditions::open(&self.area).expect("whole conditions");
+            let keyframes = conditions.keyframes();
+            let (tracks, obstacles) = (conditions.tracks(), conditions.obstacles(&keyframes));
+            self.given = [tracks.len(), obstacles.len(), conditions.vector().map_or(0, <[f32]>::len)];
+        }
         self.play_when_ready = self.last.as_ref().is_some_and(|r| r.play_when_ready);
         self.condition.work = Some(Work { job, stage: JobStage::Waiting, step: 0, steps: 2 });
         Ok(())
@@ -395,6 +433,11 @@ impl Device for Robot {
 
     fn storage(&mut self) -> Option<&mut Flash> {
         Some(&mut self.flash)
+    }
+
+    fn area(&mut self) -> Option<&mut [u32]> {
+        let free = self.condition.work.is_none() && !self.area.is_empty();
+        free.then_some(&mut self.area[..])
     }
 
     fn activated(&mut self, store: &Store) {

@@ -39,8 +39,11 @@ const ROBOT: &[u8] = include_bytes!("../robot.bin");
 /// Servo channels that the firmware has room for, and frames of a motion (9.8 s, with two more and one place).
 const CHANNELS: usize = 16;
 const FRAMES: usize = 200;
-/// Memory in which motions are made: 49 tokens, text with guidance, 8 anchors (`motionette plan --anchors 8 --rows 24`).
-const ARENA: usize = 348 * 1024;
+/// Memory in which motions are made: 49 tokens, text with guidance, 8 anchors (`motionette plan --anchors 8 --rows 24`), or six tracks
+/// and obstacles.
+const ARENA: usize = 368 * 1024;
+/// Words of memory for the conditions of a request, 16 KiB: six joints over the longest motion, 16 of them over the preset's.
+const AREA: usize = 4096;
 /// Pulses a second.
 const PULSES: u16 = 50;
 
@@ -59,6 +62,7 @@ fn main() -> ! {
     static ROBOT_CELL: StaticCell<Robot> = StaticCell::new();
     static LINE: ConstStaticCell<MotionQueue<CHANNELS, FRAMES>> = ConstStaticCell::new(MotionQueue::new());
     static ARENA_CELL: ConstStaticCell<Arena> = ConstStaticCell::new(Arena([0; ARENA]));
+    static AREA_CELL: ConstStaticCell<[u32; AREA]> = ConstStaticCell::new([0; AREA]);
 
     let peripherals = embassy_rp::init(embassy_rp::config::Config::default());
     let robot = match Robot::open(ROBOT) {
@@ -85,6 +89,7 @@ fn main() -> ! {
     let slots = Slots::new(Flash::new_blocking(peripherals.FLASH));
     let store = Store::open(&slots);
     let state = DeviceState::new(robot.name.as_str(), Preset::PICO2, control, &FLAGS, Some(slots), &store);
+    let state = state.with_area(AREA_CELL.take());
     // SAFETY: the link's interrupt is not enabled yet.
     unsafe { DEVICE_STATE.set(state) };
     interrupt::SWI_IRQ_0.set_priority(Priority::P3);

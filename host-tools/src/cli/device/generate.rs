@@ -3,23 +3,29 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use motionette::generation::tokens::Planning;
+use motionette_link::conditions::Given;
 use motionette_link::message::{Command, Generate, Hello, Length, Refinement, Status};
 use serde_json::{Value, json};
 
 use super::{Interrupt, Session, broken_off, model, report, rest};
 use crate::anchors_file;
 use crate::cli::generate_args::frames_of;
-use crate::cli::{bar, say};
+use crate::cli::{bar, say, shown};
 use crate::device::Error;
+use crate::import::npy;
 
 /// Has the device make a motion from text, and play it with --play.
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("what").required(true).args(["text", "prompt_vector"])))]
 pub(super) struct Cmd {
     /// What the motion is to be.
     #[arg(long)]
-    text: String,
+    text: Option<String>,
+    /// The same as a vector in a .npy file, for models whose prompts are vectors (docs/published.md).
+    #[arg(long, value_name = "FILE")]
+    prompt_vector: Option<PathBuf>,
     /// How long it is to be, at least; else what the device prefers, or what the text suggests.
     #[arg(long)]
     seconds: Option<f64>,
@@ -79,6 +85,10 @@ impl From<Method> for Refinement {
 impl Cmd {
     pub(super) fn run(self, client: &mut Session, hello: &Hello) -> Result<Value> {
         let request = self.request(hello)?;
+        let vector = self.prompt_vector.as_deref().map(npy::vector).transpose().context("reading the prompt")?;
+        let given = Given { vector: vector.as_deref(), ..Given::default() };
+        let conditions = client.stage(hello, &given, &mut |_| {})?;
+        let request = Generate { conditions, ..request };
         let interrupt = Interrupt::watch()?;
         let bar = bar(0, "steps");
         let made = client.generate(&request, &mut |status: &Status| {
@@ -97,12 +107,14 @@ impl Cmd {
         if let Some(error) = made.control_error {
             say(&format!("{} anchors: {:.2} cm off", request.anchors.len(), 100.0 * error));
         }
-        for line in report::made(made.understood.as_ref(), made.strain) {
+        let followed = report::followed(made.tracking, made.clearance);
+        for line in report::made(made.understood.as_ref(), made.strain).chain(followed) {
             say(&line);
         }
         let played = if self.play { Some(rest(client, &interrupt, &Command::Play)?) } else { None };
         Ok(json!({
             "text": self.text,
+            "prompt_vector": self.prompt_vector.as_deref().map(shown),
             "seed": self.seed,
             "frames": made.frames,
             "seconds": seconds,
@@ -110,6 +122,8 @@ impl Cmd {
             "control_error_m": made.control_error,
             "understood": made.understood.as_ref().map(report::understood),
             "strain": made.strain.map(report::strain),
+            "tracking": made.tracking.map(report::tracking),
+            "clearance": made.clearance.map(report::clearance),
             "played": played,
             "repeated_requests": client.repeated(),
             "skipped_frames": client.skipped().total(),
@@ -118,8 +132,9 @@ impl Cmd {
 
     fn request(&self, hello: &Hello) -> Result<Generate> {
         let model = model(hello)?;
-        let bytes = self.text.len();
-        let text = self.text.as_str().try_into().map_err(|_| Error::LongText { bytes })?;
+        let text = self.text.as_deref().unwrap_or_default();
+        let bytes = text.len();
+        let text = text.try_into().map_err(|_| Error::LongText { bytes })?;
         let length = match self.seconds {
             None => Length::Predicted,
             Some(seconds) => Length::Frames(frames_of(seconds, model.frame_rate, model.frames.into(), "device")?),

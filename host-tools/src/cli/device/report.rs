@@ -1,7 +1,8 @@
 //! What a device says, in words and as JSON.
 
 use motionette_link::message::{
-    Blob, Event, Hello, JobStage, LossAction, Measure, Owner, RefusedBlob, Start, Status, Strain, Understood,
+    Blob, Clearance, Event, Hello, JobStage, LossAction, Measure, Owner, RefusedBlob, Start, Status, Strain, Tracking,
+    Understood,
 };
 use serde_json::{Value, json};
 
@@ -50,6 +51,35 @@ pub fn understood(understood: &Understood) -> Value {
 /// What the anchors ask of a motion.
 pub fn strain(strain: Strain) -> Value {
     json!({"measure": strain.measure.0, "value": strain.value, "anchor": strain.anchor})
+}
+
+/// How far a motion is from its tracks.
+pub fn tracking(it: Tracking) -> Value {
+    json!({"mean_m": it.mean, "worst_m": it.worst, "track": it.track, "frame": it.frame, "hurried": it.hurried})
+}
+
+/// How far a motion keeps clear of its obstacles.
+pub fn clearance(it: Clearance) -> Value {
+    let Clearance { least, missing, obstacle, joint, frame } = it;
+    json!({
+        "least_m": least, "missing_m": missing, "kept": it.kept(), "obstacle": obstacle, "joint": joint, "frame": frame,
+    })
+}
+
+/// What came of tracks and obstacles, in words.
+pub fn followed(tracking: Option<Tracking>, clearance: Option<Clearance>) -> impl Iterator<Item = String> {
+    let tracking = tracking.map(|Tracking { mean, worst, track, frame, hurried }| {
+        let (mean, worst) = (100.0 * mean, 100.0 * worst);
+        let hurried = if hurried > 0 { format!("; {hurried} positions too fast to follow") } else { String::new() };
+        format!("tracks: {mean:.2} cm off, {worst:.2} cm at worst (track {track}, frame {frame}){hurried}")
+    });
+    let clearance = clearance.map(|it| {
+        let (least, missing) = (100.0 * it.least, 100.0 * it.missing);
+        let short = if it.kept() { String::new() } else { format!(", {missing:.1} cm of the margin are missing") };
+        let place = format!("joint {} and obstacle {}, frame {}", it.joint, it.obstacle, it.frame);
+        format!("obstacles: {least:.1} cm away at least ({place}){short}")
+    });
+    tracking.into_iter().chain(clearance)
 }
 
 /// A motion that was made, in words.
@@ -101,6 +131,7 @@ pub fn hello(hello: &Hello) -> Value {
             "anchors": limits.anchors,
             "chunk_bytes": limits.chunk_bytes,
             "blob_bytes": limits.blob_bytes,
+            "condition_bytes": limits.condition_bytes,
             "silence_ms": limits.silence_ms,
             "on_silence": loss(limits.on_silence),
         },
@@ -124,7 +155,11 @@ pub fn say_hello(hello: &Hello) {
     }
     let limits = &hello.limits;
     let (text, anchors, bytes) = (limits.text_bytes, limits.anchors, limits.blob_bytes);
-    say(&format!("takes texts of {text} bytes, {anchors} anchors, blobs of {bytes} bytes"));
+    let conditions = match limits.condition_bytes {
+        0 => "no tracks and obstacles".to_owned(),
+        bytes => format!("tracks and obstacles of {bytes} bytes"),
+    };
+    say(&format!("takes texts of {text} bytes, {anchors} anchors, {conditions}, blobs of {bytes} bytes"));
     say(&match limits.silence_ms {
         0 => "goes on without a host".to_owned(),
         ms => format!("after {ms} ms without a host: {}", loss(limits.on_silence)),
@@ -134,9 +169,18 @@ pub fn say_hello(hello: &Hello) {
 /// An event as an object with its `event` by name.
 pub fn event(event: &Event) -> Value {
     match event {
-        Event::Ready { job, frames, control_error, understood: heard, strain: strained } => json!({
+        Event::Ready {
+            job,
+            frames,
+            control_error,
+            understood: heard,
+            strain: strained,
+            tracking: off,
+            clearance: clear,
+        } => json!({
             "event": "ready", "job": job, "frames": frames, "control_error_m": control_error,
             "understood": heard.as_ref().map(understood), "strain": strained.map(strain),
+            "tracking": off.map(tracking), "clearance": clear.map(clearance),
         }),
         Event::Finished => json!({"event": "finished"}),
         Event::Failed { job, why } => json!({"event": "failed", "job": job, "why": why.to_string()}),
@@ -149,9 +193,9 @@ pub fn event(event: &Event) -> Value {
 /// An event in words.
 pub fn words(event: &Event) -> String {
     match event {
-        Event::Ready { frames, control_error, understood, strain, .. } => {
+        Event::Ready { frames, control_error, understood, strain, tracking, clearance, .. } => {
             let off = control_error.map(|error| format!("{:.2} cm off its anchors", 100.0 * error));
-            let more = off.into_iter().chain(made(understood.as_ref(), *strain));
+            let more = off.into_iter().chain(made(understood.as_ref(), *strain)).chain(followed(*tracking, *clearance));
             more.fold(format!("a motion of {frames} frames is ready"), |line, next| line + ", " + &next)
         }
         Event::Finished => "the motion was played".to_owned(),
@@ -188,6 +232,7 @@ pub fn status(status: &Status) -> Value {
         "outcome": status.outcome.as_ref().map(event),
         "refused": status.refused.as_ref().map(refused),
         "transfer": status.transfer.map(|t| json!({"next": t.next, "length": t.length})),
+        "staged": status.staged.map(|t| json!({"next": t.next, "length": t.length})),
         "host_lost": status.host_lost.map(loss),
         "skipped": {
             "encoding": status.skipped.encoding,
@@ -214,6 +259,9 @@ pub fn say_status(status: &Status) {
     }
     if let Some(transfer) = status.transfer {
         say(&format!("a blob is being transferred: {} of {} bytes", transfer.next, transfer.length));
+    }
+    if let Some(staged) = status.staged.filter(|staged| staged.next < staged.length) {
+        say(&format!("conditions are on their way: {} of {} bytes", staged.next, staged.length));
     }
     if let Some(outcome) = &status.outcome {
         say(&format!("last: {}", words(outcome)));
