@@ -76,6 +76,13 @@ impl Node {
     }
 }
 
+/// A number of its digits; text where they say more than a number holds.
+fn number(digits: &str) -> Node {
+    let whole = || digits.parse::<u64>().map(Number::from).or_else(|_| digits.parse::<i64>().map(Number::from)).ok();
+    let number = whole().or_else(|| digits.parse().ok().and_then(Number::from_f64));
+    number.map_or_else(|| Node::Text(digits.to_owned()), Node::Number)
+}
+
 /// As JSON.
 impl fmt::Display for Node {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -146,9 +153,33 @@ impl<'de> Deserialize<'de> for Node {
             }
 
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Node, A::Error> {
-                Fields.visit_map(map).map(Entry).map(Node::Object)
+                let fields = Fields.visit_map(map)?;
+                // Where another crate has the reader keep all digits, a number comes as an object of this one field.
+                match fields.as_slice() {
+                    [(name, Node::Text(digits))] if name == "$serde_json::private::Number" => Ok(number(digits)),
+                    _ => Ok(Node::Object(Entry(fields))),
+                }
             }
         }
         deserializer.deserialize_any(Any)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers are numbers whatever other crates want of the JSON reader.
+    #[test]
+    fn numbers_come_as_digits_as_well() {
+        let read = |text: &str| serde_json::from_str::<Node>(text).unwrap();
+        let [plain, digits] = ["[3, -2, 0.25, 1e3]", r#"[{"$serde_json::private::Number": "3"}]"#].map(read);
+        let numbers: Vec<f64> = plain.as_list().unwrap().iter().map(|item| item.as_f64().unwrap()).collect();
+        assert_eq!(numbers, [3.0, -2.0, 0.25, 1000.0]);
+        assert_eq!(digits.as_list().unwrap()[0].as_u64(), Some(3));
+        for (digits, want) in [("-2", -2.0), ("0.25", 0.25), ("1e3", 1000.0)] {
+            assert_eq!(number(digits).as_f64(), Some(want));
+        }
+        assert_eq!(number("1e999").as_str(), Some("1e999"));
     }
 }

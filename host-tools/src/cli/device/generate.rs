@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::{ArgGroup, Args, ValueEnum};
 use motionette::generation::tokens::Planning;
+use motionette::{Obstacle, Track};
 use motionette_link::conditions::Given;
 use motionette_link::message::{Command, Generate, Hello, Length, Refinement, Status};
 use serde_json::{Value, json};
@@ -15,6 +16,7 @@ use crate::cli::generate_args::frames_of;
 use crate::cli::{bar, say, shown};
 use crate::device::Error;
 use crate::import::npy;
+use crate::scene_file::{self, OwnedObstacle, OwnedTrack};
 
 /// Has the device make a motion from text, and play it with --play.
 #[derive(Debug, Args)]
@@ -47,6 +49,12 @@ pub(super) struct Cmd {
     /// Where it must pass (docs/anchors.md).
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
+    /// Where joints are to be at many frames (docs/tracks.md).
+    #[arg(long, value_name = "FILE")]
+    tracks: Option<PathBuf>,
+    /// What the body keeps clear of (docs/obstacles.md).
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
     /// Play it as soon as it is ready, and wait for its end.
     #[arg(long)]
     play: bool,
@@ -86,7 +94,14 @@ impl Cmd {
     pub(super) fn run(self, client: &mut Session, hello: &Hello) -> Result<Value> {
         let request = self.request(hello)?;
         let vector = self.prompt_vector.as_deref().map(npy::vector).transpose().context("reading the prompt")?;
-        let given = Given { vector: vector.as_deref(), ..Given::default() };
+        let rate = model(hello)?.frame_rate;
+        let tracks = self.tracks.as_deref().map(|path| scene_file::read_tracks(path, rate)).transpose();
+        let tracks = tracks.context("reading the tracks")?.unwrap_or_default();
+        let obstacles = self.scene.as_deref().map(|path| scene_file::read_scene(path, rate)).transpose();
+        let obstacles = obstacles.context("reading the scene")?.unwrap_or_default();
+        let tracks: Vec<Track<'_>> = tracks.iter().map(OwnedTrack::borrowed).collect();
+        let obstacles: Vec<Obstacle<'_>> = obstacles.iter().map(OwnedObstacle::borrowed).collect();
+        let given = Given { vector: vector.as_deref(), tracks: &tracks, obstacles: &obstacles };
         let conditions = client.stage(hello, &given, &mut |_| {})?;
         let request = Generate { conditions, ..request };
         let interrupt = Interrupt::watch()?;
@@ -119,6 +134,8 @@ impl Cmd {
             "frames": made.frames,
             "seconds": seconds,
             "anchors": request.anchors.len(),
+            "tracks": tracks.len(),
+            "obstacles": obstacles.len(),
             "control_error_m": made.control_error,
             "understood": made.understood.as_ref().map(report::understood),
             "strain": made.strain.map(report::strain),
