@@ -256,7 +256,7 @@ fn bad_files_are_named_and_leave_nothing_behind() {
         (&["--scene", &ball], "obstacle 0: unknown field \"ball\""),
         (&["--scene", &fast], "obstacle 0: it moves at 99 m/s"),
         (&["--scene", &good], "a scene file is"),
-        (&["--tracks", &good, "--refinement", "off"], "take exact"),
+        (&["--tracks", &good, "--refinement", "fast:3"], "take exact"),
     ] {
         let output = simulate(&[arguments, &["--text", "a person walks", "--out", &results]].concat());
         let said = String::from_utf8_lossy(&output.stderr).into_owned();

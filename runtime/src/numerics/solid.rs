@@ -3,8 +3,8 @@
 use crate::kernels;
 use crate::numerics::vector::{Vector, add, dot, length, scale, subtract, unit};
 
-/// A way out is looked for no farther than this, metres.
-const FARTHEST: f32 = 2.0;
+/// A way straight away from a surface is looked for no farther than this, metres.
+const FARTHEST: f32 = 10.0;
 /// Steps along a way out at most; each is as long as what is still missing.
 const STEPS: usize = 24;
 /// It is out when no more than this is missing, metres.
@@ -89,8 +89,8 @@ impl Solid {
         unit([change([STEP, 0.0, 0.0]), change([0.0, STEP, 0.0]), change([0.0, 0.0, STEP])], [0.0, 1.0, 0.0])
     }
 
-    /// How far a point goes in a direction until it is clear, metres; `None` where that is too far.
-    pub fn way_out(&self, point: Vector, direction: Vector) -> Option<f32> {
+    /// How far a point goes in a direction until it is clear, metres; `None` where that is farther than `most`.
+    pub fn way_out(&self, point: Vector, direction: Vector, most: f32) -> Option<f32> {
         let mut way = 0.0;
         for _ in 0..STEPS {
             let missing = -self.clearance(add(point, scale(direction, way)));
@@ -98,23 +98,23 @@ impl Solid {
                 return Some(way);
             }
             way += missing;
-            if way > FARTHEST {
+            if way > most {
                 break;
             }
         }
         None
     }
 
-    /// What takes a point out of the body and its margin, metres: along `side`, or straight away where that leads nowhere.
-    pub fn push(&self, point: Vector, side: Vector) -> Vector {
+    /// What takes a point out of the body and its margin, metres: along `side` for no more than `most`, or straight away where that leads nowhere.
+    pub fn push(&self, point: Vector, side: Vector, most: f32) -> Vector {
         if self.clearance(point) >= -OUT {
             return [0.0; 3];
         }
-        if let Some(way) = self.way_out(point, side) {
+        if let Some(way) = self.way_out(point, side, most) {
             return scale(side, way);
         }
         let away = self.away(point);
-        scale(away, self.way_out(point, away).unwrap_or(0.0))
+        scale(away, self.way_out(point, away, FARTHEST).unwrap_or(0.0))
     }
 }
 

@@ -44,6 +44,14 @@ const ONE_PASS: usize = 20;
 const PAST: usize = 5;
 /// A figure whose way past is longer than this passes, metres.
 const PASSED: f32 = 0.25;
+/// An obstacle is passed to a side by no more than this, metres.
+const SIDEWAYS: f32 = 2.0;
+/// Feet step over what is lower than this, metres.
+const STEP_OVER: f32 = 0.45;
+/// Trunks duck below what is higher than this, metres.
+const CROUCHED: f32 = 1.0;
+/// Everybody rises and sinks by less than this, metres.
+const TIPTOE: f32 = 0.05;
 /// A way into another obstacle counts so many times more.
 const BLOCKED: f32 = 4.0;
 /// A way up or down counts so many times more: bodies stand on the floor, and arms hang down straight.
@@ -52,6 +60,7 @@ const LESS_UPRIGHT: f32 = 3.0;
 const YIELD: f32 = 0.5;
 /// Least standard deviation of a part's own way, metres: what has none leaves everything to the root.
 const LEAST_WAY: f32 = 1e-3;
+const UP: Vector = [0.0, 1.0, 0.0];
 /// Limbs may be off at the first frame by what so many frames of speed make good.
 const NEAR: usize = 8;
 
@@ -311,13 +320,13 @@ fn side(
     (first, last): (usize, usize),
 ) -> Vector {
     // Of each limb where it is deepest, and when.
-    let mut deepest: Vec<(f32, Solid, Vector, usize), JOINTS> = Vec::new();
+    let mut deepest: Vec<(u8, f32, Solid, Vector, usize), JOINTS> = Vec::new();
     for (mover, _) in movers {
-        let mut own: Option<(f32, Solid, Vector, usize)> = None;
+        let mut own: Option<(u8, f32, Solid, Vector, usize)> = None;
         for t in first..=last {
             let Some((body, nearest)) = inside(t, *mover) else { continue };
-            if own.is_none_or(|(least, ..)| nearest.clearance < least) {
-                own = Some((nearest.clearance, body, nearest.point, t));
+            if own.is_none_or(|(_, least, ..)| nearest.clearance < least) {
+                own = Some((nearest.joint, nearest.clearance, body, nearest.point, t));
             }
         }
         if let Some(own) = own {
@@ -328,8 +337,8 @@ fn side(
     let mut least = (f32::INFINITY, [0.0; 3]);
     let [x, _, z] = travel;
     let across = unit([z, 0.0, -x], [0.0; 3]);
-    let away = deepest.first().map_or([0.0; 3], |(_, body, at, _)| body.away(*at));
-    for direction in [across, scale(across, -1.0), [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], away] {
+    let away = deepest.first().map_or([0.0; 3], |(_, _, body, at, _)| body.away(*at));
+    for direction in [across, scale(across, -1.0), UP, scale(UP, -1.0), away] {
         // Back along one's own way is no way past.
         let along = dot(direction, unit(travel, [0.0; 3]));
         if dot(direction, direction) < 0.5 || dot(travel, travel) > PASSED * PASSED && along * along > 0.5 {
@@ -339,8 +348,9 @@ fn side(
         let worth = 1.0 + LESS_UPRIGHT * libm::fabsf(up);
         let mut longest = 0.0;
         let mut when = first;
-        for (_, body, at, t) in &deepest {
-            let way = body.way_out(*at, direction).unwrap_or(f32::INFINITY);
+        for (joint, _, body, at, t) in &deepest {
+            let way = body.way_out(*at, direction, SIDEWAYS).unwrap_or(f32::INFINITY);
+            let way = if can(*joint, *at, scale(direction, way)) { way } else { f32::INFINITY };
             (longest, when) = if way > longest { (way, *t) } else { (longest, when) };
         }
         // What other obstacles take back of it.
@@ -351,6 +361,18 @@ fn side(
         }
     }
     least.1
+}
+
+/// Whether a body can take a point of itself, on the bone to `joint`, out over or below something: feet step over what is low, trunk and head duck
+/// below what is high, and arms go either way.
+fn can(joint: u8, [_, height, _]: Vector, [_, up, _]: Vector) -> bool {
+    let after = height + up;
+    match joint {
+        18..=21 => after >= 0.0,
+        4 | 5 | 7 | 8 | 10 | 11 if up > 0.0 => after < STEP_OVER,
+        6 | 9 | 12..=17 if up < 0.0 => after > CROUCHED,
+        _ => up.abs() < TIPTOE,
+    }
 }
 
 /// A motion, its rows, and what was added so far.
@@ -506,13 +528,13 @@ impl View<'_, '_> {
         }
         let led = Led::by(joint, self.movers);
         if !led.is_empty() && !matches!(part, Part::Neck(_)) {
-            self.clear(led, frame, window, way, &mut lack);
+            self.clear((joint, led), frame, window, way, &mut lack);
         }
         (lack, hurried)
     }
 
     /// Adds what obstacles ask for.
-    fn clear(&self, led: Led, frame: usize, window: [&Pose; 3], way: Vector, lack: &mut Lack) {
+    fn clear(&self, (joint, led): (u8, Led), frame: usize, window: [&Pose; 3], way: Vector, lack: &mut Lack) {
         let [before, here, after] = window;
         for (index, obstacle) in self.rows.obstacles().iter().enumerate() {
             let mut longest: Option<Vector> = None;
@@ -525,7 +547,11 @@ impl View<'_, '_> {
                 // Whoever has been taken out stays out.
                 let freed = || led.nearest(&body, obstacle.joints, pose, scale(way, -1.0)).clearance < 0.0;
                 if nearest.clearance < 0.0 || dot(way, way) > 0.0 && freed() {
-                    let push = body.push(nearest.point, self.side(index, frame));
+                    let side = self.side(index, frame);
+                    let mut push = body.push(nearest.point, side, SIDEWAYS);
+                    if side == UP {
+                        push = add(push, over(&body, add(place(Some(pose), joint), push)));
+                    }
                     spare = if nearest.clearance < spare { nearest.clearance } else { spare };
                     if longest.is_none_or(|longest| dot(push, push) > dot(longest, longest)) {
                         longest = Some(push);
@@ -596,6 +622,15 @@ impl View<'_, '_> {
         }
         left
     }
+}
+
+/// What takes the end of a leg up until nothing of the body is above it.
+fn over(body: &Solid, at: Vector) -> Vector {
+    let ([x, y, z], [_, middle, _]) = (at, body.middle);
+    let column = [x, middle, z];
+    let inside = y < middle && body.clearance(column) < 0.0;
+    let top = if inside { body.way_out(column, UP, SIDEWAYS).map(|way| middle + way) } else { None };
+    top.map_or([0.0; 3], |top| [0.0, top - y, 0.0])
 }
 
 /// Half way from one pose to another.

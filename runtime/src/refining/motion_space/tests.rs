@@ -480,12 +480,18 @@ mod rows {
         let bar = still(Shape::Capsule { half: [0.8, 0.0, 0.0], radius: 0.06 }, [0.0, 1.58, ahead[2]]);
         let crate_ = still(Shape::Box { half: [0.2, 0.35, 0.2] }, [0.35, 0.95, ahead[2]]);
         let wall = still(Shape::Plane { normal: [-1.0, 0.0, 0.0] }, [0.18, 0.0, 0.0]);
+        let sill = still(Shape::Box { half: [0.6, 0.06, 0.05] }, [0.0, 0.06, ahead[2]]);
         let crossing = Course::Moving { from: [0.03 * -104.0, 1.0, ahead[2] + 0.1], velocity: [0.6, 0.0, 0.0] };
         let crossing = still(Shape::Sphere { radius: 0.25 }, [0.0; 3]).moving(crossing);
         let place = |frame: u16, x: f32| Keyframe { frame, position: [x, 1.2, ahead[2]] };
         let keys = [place(60, 3.0), place(95, 0.1), place(110, 0.1), place(130, -3.0)];
         let comes = pillar.moving(Course::Keyframes(&keys));
-        let scenes: [(&str, Vec<Obstacle<'_>>); 8] = [
+        let rail = still(Shape::Capsule { half: [0.8, 0.0, 0.0], radius: 0.03 }, [0.0, 0.25, ahead[2]]);
+        let table = still(Shape::Box { half: [0.4, 0.03, 0.4] }, [0.0, 0.72, ahead[2]]);
+        let scenes: [(&str, Vec<Obstacle<'_>>); 11] = [
+            ("rail", vec![rail]),
+            ("table", vec![table]),
+            ("sill", vec![sill]),
             ("pillar", vec![pillar]),
             ("ball", vec![ball]),
             ("bar", vec![bar]),
@@ -509,6 +515,13 @@ mod rows {
             assert!(least > -0.005 && left.clearance.unwrap().kept(), "{name}: {least} {left:?}");
             assert!(stretched(&out, &poses) < 1e-3, "{name}");
             assert!(added_speed(&out, &poses) < 5.5, "{name}: {} m/s", added_speed(&out, &poses));
+            // Nobody dives below a rail, or climbs onto a table.
+            let heights = out.iter().map(|pose| pose[0][1]);
+            assert!(
+                heights.clone().all(|height| (0.6..1.1).contains(&height)),
+                "{name}: {:?}",
+                heights.collect::<Vec<_>>()
+            );
             // The path bends early, but no body that is far off leaps.
             assert!(name.contains("wall") || distance(out[5][0], poses[5][0]) < 0.08, "{name}");
         }
@@ -547,8 +560,9 @@ mod rows {
         let poses = walk(120);
         let wall = Obstacle::new(Shape::Plane { normal: [0.0, 0.0, -1.0] }, [0.0, 0.0, poses[60][0][2]]);
         let [x, _, z] = poses[119][0];
-        let (_, left) = followed(&poses, &[Anchor::planar_root(119, [x, z])], &[], &[wall]);
-        assert!(!left.clearance.unwrap().kept(), "{left:?}");
+        let (out, left) = followed(&poses, &[Anchor::planar_root(119, [x, z])], &[], &[wall]);
+        // The wall holds; the goal is missed.
+        assert!(left.clearance.unwrap().kept() && distance(out[119][0], poses[119][0]) > 1.0, "{left:?}");
         let around = Obstacle::new(Shape::Sphere { radius: 0.5 }, poses[0][0]);
         let (_, left) = followed(&poses, &[], &[], &[around]);
         let clearance = left.clearance.unwrap();
@@ -574,7 +588,7 @@ mod rows {
                 let (da, db) = (body.distance(a), body.distance(b));
                 assert!((da - db).abs() <= distance(a, b) + 1e-5, "{shape:?}: no distance grows faster than the way");
                 // Along the way in which it grows most it does so as fast as one goes, until the surface is reached.
-                let out = body.push(a, [0.0; 3]);
+                let out = body.push(a, [0.0; 3], 0.0);
                 assert_eq!(da >= -0.0005, out == [0.0; 3], "{shape:?} {a:?}");
                 assert!(body.distance(add(a, out)) > -0.002, "{shape:?} {a:?}: {out:?}");
             }
