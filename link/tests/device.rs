@@ -153,7 +153,7 @@ fn what_the_runtime_refuses_arrives_with_its_indices() {
     let given = |tracks| Given { tracks, ..Given::default() };
     let job = |given: &Given<'_>| stage(given).chain([Command::Generate(wave())]).collect::<Vec<_>>();
     let fast = Obstacle::new(Shape::Sphere { radius: 0.2 }, [9.0; 3]).margin(1.5);
-    let no_edit = Command::Generate(Generate { refinement: Refinement::NONE, ..wave() });
+    let no_edit = Command::Generate(Generate { refinement: Refinement::FAST, evaluations: 2, ..wave() });
     let script = [
         job(&given(&[good, Track { joint: 22, ..good }])),
         job(&given(&[good, Track { first: 35, ..good }])),

@@ -200,8 +200,11 @@ impl Seen {
         };
         let anchors = anchors(random, positions * model.frames_per_token());
         let refinement = Some(config(random)).filter(|_| random.below(4) > 0);
-        let request =
-            Request { source, anchors: AnchorList::Frames(&anchors), refinement, planning, bones: Bones::Model };
+        let request = Request {
+            refinement,
+            source,
+            ..Request::tokens(&[]).planned(planning).anchors(&anchors).bones(Bones::Model)
+        };
 
         let rows = random.below(30) as usize;
         let mut empty = Generator::new(model.clone(), &mut []).expect("default floating point");

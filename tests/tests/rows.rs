@@ -1,10 +1,9 @@
-//! Tracks and obstacles of requests: whether the shipped model's motions meet them, judged in f64 by code of this file alone, what is said of
+//! Tracks and obstacles of requests: whether the shipped model's motions meet them, judged in f64 by code that knows nothing of the runtime's, what is said of
 //! it, what is refused, and in what memory.
 
 use std::path::Path;
 
 use motionette::refining::{Config, Followed};
-use motionette::representation::skeleton::PARENTS;
 use motionette::{
     Anchor, Bones, Course, Error, Generator, Joint, Keyframe, Model, Motion, Obstacle, ObstacleError, Request, Shape,
     Track, TrackError,
@@ -12,6 +11,7 @@ use motionette::{
 use motionette_host::blob::BlobFile;
 use motionette_host::metrics;
 use motionette_host::motion::Pose;
+use motionette_host::reference::clearance;
 
 const PAINT: u8 = 0xA5;
 
@@ -42,89 +42,6 @@ fn widened(a: [f32; 3]) -> [f64; 3] {
 
 fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
-}
-
-/// How far a point is from the surface of an obstacle's shape around its middle, f64.
-fn distance(shape: Shape, middle: [f64; 3], p: [f64; 3]) -> f64 {
-    let [x, y, z] = [0, 1, 2].map(|i| p[i] - middle[i]);
-    let boxed = |sides: &[f64]| {
-        let outside = sides.iter().map(|s| s.max(0.0).powi(2)).sum::<f64>().sqrt();
-        outside + sides.iter().copied().fold(f64::NEG_INFINITY, f64::max).min(0.0)
-    };
-    match shape {
-        Shape::Sphere { radius } => (x * x + y * y + z * z).sqrt() - f64::from(radius),
-        Shape::Capsule { half, radius } => {
-            // The nearest of many points on the axis.
-            let h = widened(half);
-            let nearest = (0..=2000).map(|k| f64::from(k) / 1000.0 - 1.0).map(|s| apart([x, y, z], h.map(|h| s * h)));
-            nearest.fold(f64::INFINITY, f64::min) - f64::from(radius)
-        }
-        Shape::Cylinder { radius, half_height } => {
-            boxed(&[x.hypot(z) - f64::from(radius), y.abs() - f64::from(half_height)])
-        }
-        Shape::Box { half: [a, b, c] } => {
-            boxed(&[x.abs() - f64::from(a), y.abs() - f64::from(b), z.abs() - f64::from(c)])
-        }
-        Shape::Plane { normal } => {
-            let n = widened(normal);
-            (x * n[0] + y * n[1] + z * n[2]) / apart(n, [0.0; 3])
-        }
-    }
-}
-
-/// Where an obstacle's middle is, at a frame and a share of the next.
-fn middle(course: Course<'_>, at: f64, rate: f64) -> [f64; 3] {
-    match course {
-        Course::Still(place) => widened(place),
-        Course::Moving { from, velocity } => [0, 1, 2].map(|i| f64::from(from[i]) + f64::from(velocity[i]) * at / rate),
-        Course::Keyframes(keys) => {
-            let (first, last) = (keys[0], keys[keys.len() - 1]);
-            let at = at.clamp(f64::from(first.frame), f64::from(last.frame));
-            for pair in keys.windows(2) {
-                let [a, b] = [pair[0], pair[1]].map(|key| f64::from(key.frame));
-                if at <= b {
-                    let share = (at - a) / (b - a);
-                    let place = |i: usize| {
-                        f64::from(pair[0].position[i]) * (1.0 - share) + f64::from(pair[1].position[i]) * share
-                    };
-                    return [0, 1, 2].map(place);
-                }
-            }
-            widened(last.position)
-        }
-    }
-}
-
-/// How near bones come to an obstacle's surface, a point every 5 cm, at four moments a frame of the cubic that a player goes along.
-fn clearance(frames: &[Pose], obstacle: &Obstacle<'_>) -> f64 {
-    let mut least = f64::INFINITY;
-    let at = |t: usize, joint: usize| frames[t.min(frames.len() - 1)][joint];
-    for t in 0..frames.len() {
-        for quarter in 0..4u8 {
-            if t + 1 == frames.len() && quarter > 0 {
-                break;
-            }
-            let share = f32::from(quarter) / 4.0;
-            let mut pose: Pose = [[0.0; 3]; 22];
-            for (joint, slot) in pose.iter_mut().enumerate() {
-                for axis in 0..3 {
-                    let points = [t.saturating_sub(1), t, t + 1, t + 2].map(|t| at(t, joint)[axis]);
-                    slot[axis] = motionette::playback::interpolate::monotone_cubic(points, share);
-                }
-            }
-            let place = middle(obstacle.course, t as f64 + f64::from(share), 20.0);
-            for joint in 1..22 {
-                let (a, b) = (widened(pose[usize::from(PARENTS[joint])]), widened(pose[joint]));
-                let steps = (apart(a, b) / 0.05).ceil().max(1.0) as usize;
-                for step in 0..=steps {
-                    let s = step as f64 / steps as f64;
-                    let point = [0, 1, 2].map(|i| a[i] * (1.0 - s) + b[i] * s);
-                    least = least.min(distance(obstacle.shape, place, point));
-                }
-            }
-        }
-    }
-    least
 }
 
 /// Dense paths of another motion, which is what a user's recording is: pelvis and hands over all frames, also on a body of one's own.
@@ -221,7 +138,7 @@ fn obstacles_are_kept_clear_of() {
         let [before, after] = [&free, &frames].map(|frames| {
             obstacles
                 .iter()
-                .map(|obstacle| clearance(frames, obstacle) - f64::from(obstacle.margin))
+                .map(|obstacle| clearance::least(frames, obstacle, 20.0) - f64::from(obstacle.margin))
                 .fold(9.0, f64::min)
         });
         let end = widened(frames[159][0]);

@@ -43,9 +43,14 @@ struct FeatureSet {
 
 /// Motions from text through anchors, without servos: what the check image links where nothing else is said.
 const GENERATOR: &str = "generate,families";
-const FEATURE_SETS: [FeatureSet; 8] = [
+const FEATURE_SETS: [FeatureSet; 9] = [
     FeatureSet { name: "all", features: "generate,families,playback", budget: 227 * 1024 },
     FeatureSet { name: "no playback", features: GENERATOR, budget: 197 * 1024 },
+    FeatureSet {
+        name: "no playback, tracks and obstacles",
+        features: "generate,families,obstacles",
+        budget: 225 * 1024,
+    },
     FeatureSet {
         name: "no playback, tokens not bent",
         features: "generate,motionette/tmd,motionette/text,motionette/anchor-control,motionette/editing",

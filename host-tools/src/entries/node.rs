@@ -78,7 +78,9 @@ impl Node {
 
 /// A number of its digits; text where they say more than a number holds.
 fn number(digits: &str) -> Node {
-    let whole = || digits.parse::<u64>().map(Number::from).or_else(|_| digits.parse::<i64>().map(Number::from)).ok();
+    // A zero below zero is no whole number.
+    let signed = || digits.parse::<i64>().ok().filter(|number| *number != 0).map(Number::from);
+    let whole = || digits.parse::<u64>().ok().map(Number::from).or_else(signed);
     let number = whole().or_else(|| digits.parse().ok().and_then(Number::from_f64));
     number.map_or_else(|| Node::Text(digits.to_owned()), Node::Number)
 }
@@ -180,6 +182,7 @@ mod tests {
         for (digits, want) in [("-2", -2.0), ("0.25", 0.25), ("1e3", 1000.0)] {
             assert_eq!(number(digits).as_f64(), Some(want));
         }
+        assert!(number("-0").as_f64().is_some_and(f64::is_sign_negative));
         assert_eq!(number("1e999").as_str(), Some("1e999"));
     }
 }

@@ -19,6 +19,7 @@
 //! | [`interval_basis`], [`route_solver`], [`quasi_newton`] | the solver as published, and a quasi-Newton method in its coefficients |
 //! | [`rigid`] | a body of rigid bones |
 //! | [`motion_space`] | anchors met in the motion itself |
+//! | [`clearance`] | how near bones come to obstacles |
 //! | [`transformer`] | linears, norms, attention, blocks |
 //! | [`text`] | a prompt to words to a memory and a length |
 //! | [`planner`] | noisy tokens and a text to logits |
@@ -32,6 +33,7 @@
 
 pub mod anchors;
 pub mod bridge;
+pub mod clearance;
 pub mod control;
 pub mod conv1d;
 pub mod decode_path;

@@ -24,7 +24,7 @@ use super::prompt;
 use super::prompt::Motion;
 use super::report::{self, Facts};
 use super::sample::judged;
-use super::{generators, prior, prompts, real};
+use super::{generators, obstacles, prior, prompts, real};
 use crate::control;
 use crate::control::frozen::Frozen;
 use crate::control::sampling::Planner;
@@ -51,6 +51,8 @@ pub enum Table {
     Density,
     /// Seconds, decoder evaluations and work of a sample, one thread.
     Runtime,
+    /// Obstacles in the way, at rest and moving: collisions, goals reached (the scenes of --scenes).
+    Obstacles,
     /// Of which strain to warn: of the validation split, whose actions are lost when motions are edited onto anchors.
     Strain,
 }
@@ -117,6 +119,9 @@ pub struct Args {
     /// Where motions of the tables of anchors are kept, so that a long table can go on.
     #[arg(long, value_name = "FILE", default_value = "data/evaluate/control.jsonl")]
     pub store: PathBuf,
+    /// Scenes for the table of obstacles; drawn for the blob and written where there is no such file.
+    #[arg(long, value_name = "FILE", default_value = "docs/obstacle-scenes.jsonl")]
+    pub scenes: PathBuf,
     /// Instructions of a Cortex-M7 a multiply-accumulate, for the table of the runtime.
     #[arg(long, default_value_t = 1.21)]
     pub instructions_per_mac: f64,
@@ -146,6 +151,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return prompts::command::run(args, file);
     }
     let table = args.table.context("give --table or --prompts")?;
+    if table == Table::Obstacles {
+        return obstacles(args);
+    }
     let dataset = Dataset::load(&args.data)?;
     let judge = Judge::load(&args.evaluator)
         .context("the evaluator cannot be used; make one with motionette-train evaluator")?;
@@ -187,6 +195,19 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     report::save(&args.out, &tables, &facts)?;
     remark(&args.out.join("prior.md").display().to_string());
     finish(args.json, &report::json(&tables, &facts))
+}
+
+/// The table of obstacles.
+fn obstacles(args: &Args) -> anyhow::Result<()> {
+    let facts = Facts {
+        seeds: 1,
+        files: hashes(&[&args.blob])?,
+        command: "motionette-train evaluate --table obstacles".into(),
+        generation: args.generation.facts(),
+    };
+    let table = obstacles::table(&BlobFile::open(&args.blob)?, &args.scenes, &facts, &args.out)?;
+    remark(&args.out.join("obstacles.md").display().to_string());
+    finish(args.json, &table)
 }
 
 /// The tables of anchor control.
@@ -234,7 +255,7 @@ fn anchored(args: &Args, table: Table, dataset: &Dataset, judge: &Judge, codec: 
         Bench { judge, yardstick, real, blob: &blob, identity, planners, generation: args.generation, store };
     let course = Course { seeds, say: &remark };
     let (name, title, entries) = match table {
-        Table::Prior => return Ok(()),
+        Table::Prior | Table::Obstacles => return Ok(()),
         Table::Frontier => ("frontier", "What refinement makes of anchors", bench.frontier(&course)?),
         Table::Components => ("components", "How anchors reach the planner", bench.components(&course)?),
         Table::Refinement => ("refinement", "Ways to refine", bench.refinement(&course)?),
@@ -278,7 +299,7 @@ fn targets(model: &Model<'_>, real: &[Motion]) -> (Vec<Vec<Pose>>, f64) {
 /// What a table's reader should know.
 fn remarks(table: Table) -> &'static str {
     match table {
-        Table::Prior => "",
+        Table::Prior | Table::Obstacles => "",
         Table::Frontier => {
             "`generator`: the controlled generator alone. `exact`: the edit in motion space, the default. `fast20`: quasi-Newton steps, 20 \
              decoder evaluations. `rs200`, `rs500`: RouteSolver as published with so many Adam steps. Means are over 2, 4, 8, 16 \

@@ -14,6 +14,7 @@
 //! | [`bootstrap`] | intervals |
 //! | [`generators`] | motion from text by reference and runtime |
 //! | [`control`] | the tables of anchor control |
+//! | [`obstacles`] | scenes with obstacles |
 //! | [`prior`] | the table of the prior |
 //! | [`prompts`] | prompts in a newcomer's words, and two judges of what they gave |
 //! | [`report`] | Markdown and JSON |
@@ -27,6 +28,7 @@ pub mod copies;
 pub mod figures;
 pub mod frechet;
 pub mod generators;
+pub mod obstacles;
 pub mod prior;
 pub mod prompt;
 pub mod prompts;

@@ -374,6 +374,7 @@ fn bad_input_is_refused_and_leaves_no_table() {
         limit: Some(2),
         control: Vec::new(),
         store: at("store.jsonl"),
+        scenes: "scenes.jsonl".into(),
         instructions_per_mac: 5.5,
         json: true,
     };

@@ -3,8 +3,10 @@
 use core::{hint::black_box, ops::ControlFlow};
 
 use motionette::ROWS;
-#[cfg(feature = "rows")]
-use motionette::{Course, Joint, Keyframe, Obstacle, Shape, Track};
+#[cfg(feature = "obstacles")]
+use motionette::{Course, Keyframe, Obstacle, Shape};
+#[cfg(feature = "tracks")]
+use motionette::{Joint, Track};
 use motionette::{
     Anchor, AnchorList, Bones, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, PlanningLimits,
     Progress, Prompt, Request, Sampling, Source, Stop, StreamError, StreamLimits, StreamPlan, refining::Config,
@@ -45,17 +47,22 @@ pub fn serve(
     anchors: &[Anchor],
     (text, fixed): (&str, &[Fixed]),
 ) -> Result<u64, Refused> {
-    #[cfg(feature = "rows")]
-    let (mask, keys) = (black_box([1; 8]), black_box([Keyframe { frame: 0, position: [0.0; 3] }; 2]));
-    #[cfg(feature = "rows")]
-    let (positions, _) = u.as_chunks();
-    #[cfg(feature = "rows")]
-    let tracks = &black_box([Track::new(Joint::Head, 3, positions), Track::new(Joint::Pelvis, 3, positions).masked(&mask)]);
-    #[cfg(feature = "rows")]
-    let obstacles = &black_box([
+    #[cfg(feature = "tracks")]
+    let (mask, (positions, _)) = (black_box([1; 8]), u.as_chunks());
+    #[cfg(feature = "tracks")]
+    let tracks: &[Track<'_>] =
+        &black_box([Track::new(Joint::Head, 3, positions), Track::new(Joint::Pelvis, 3, positions).masked(&mask)]);
+    #[cfg(not(feature = "tracks"))]
+    let tracks = &[];
+    #[cfg(feature = "obstacles")]
+    let keys = black_box([Keyframe { frame: 0, position: [0.0; 3] }; 2]);
+    #[cfg(feature = "obstacles")]
+    let obstacles: &[Obstacle<'_>] = &black_box([
         Obstacle::new(Shape::Sphere { radius: 1.0 }, [0.0; 3]),
         Obstacle::new(Shape::Box { half: [1.0; 3] }, [0.0; 3]).moving(Course::Keyframes(&keys)),
     ]);
+    #[cfg(not(feature = "obstacles"))]
+    let obstacles = &[];
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
     let planning =
@@ -83,10 +90,6 @@ pub fn serve(
     for source in black_box(sources) {
         let [sampling, ..] = black_box(samplings);
         let planning = black_box(Planning { sampling, fixed, ..Planning::DEFAULT });
-        #[cfg(feature = "rows")]
-        let (tracks, obstacles) = (black_box(tracks), black_box(obstacles));
-        #[cfg(not(feature = "rows"))]
-        let (tracks, obstacles) = (&[], &[]);
         let request = Request {
             source,
             anchors: list,
