@@ -44,6 +44,8 @@ const ONE_PASS: usize = 20;
 const PAST: usize = 5;
 /// A figure whose way past is longer than this passes, metres.
 const PASSED: f32 = 0.25;
+/// So much more than its margin is kept from an obstacle, metres: between half frames a player goes other ways.
+const SPARE: f32 = 0.008;
 /// An obstacle is passed to a side by no more than this, metres.
 const SIDEWAYS: f32 = 2.0;
 /// Feet step over what is lower than this, metres.
@@ -541,7 +543,8 @@ impl View<'_, '_> {
             let mut spare = f32::INFINITY;
             for (half, other) in [(1, before), (2, here), (3, after)] {
                 let Some(halves) = (2 * frame + half).checked_sub(2) else { continue };
-                let body = obstacle.at(halves, self.rows.frame_rate);
+                let mut body = obstacle.at(halves, self.rows.frame_rate);
+                body.margin += SPARE;
                 let pose = &between(here, other);
                 let nearest = led.nearest(&body, obstacle.joints, pose, [0.0; 3]);
                 // Whoever has been taken out stays out.

@@ -35,7 +35,7 @@ pub fn turn(poses: &mut [Pose], path: &[Vector]) {
         let mut sum: Turn = [SLOW * SLOW * WINDOW as f32, 0.0];
         for offset in 0..=2 * WINDOW {
             let Some(at) = (t + offset).checked_sub(WINDOW) else { continue };
-            let away = if offset > WINDOW { offset - WINDOW } else { WINDOW - offset };
+            let away = offset.abs_diff(WINDOW);
             let weight = 1.0 - away as f32 / (WINDOW + 1) as f32;
             let [[ax, _, az], [bx, _, bz]] = steps(poses, at);
             let [c, s] = &mut sum;
