@@ -9,8 +9,8 @@ use motionette::numerics::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, Prior};
 use motionette::representation::humanml3d::POSITION_CHANNELS;
 use motionette::{
-    Anchor, AnchorList, Bones, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request,
-    Sampling, Schedule, Source, StreamLimits, StreamPlan, generation::tokens as planning,
+    Anchor, Bones, Fixed, Generator, Length, Limits, Model, Plan, Planning, Prompt, ROWS, Request, Sampling, Schedule,
+    Source, StreamLimits, StreamPlan, generation::tokens as planning,
 };
 use motionette_host::blob::BlobFile;
 use motionette_tests::fuzz;
