@@ -1,6 +1,6 @@
 //! Lists of objects in JSON files that a person writes, read so that a complaint names the entry, the field and what to do.
 //!
-//! [`parse`] says where text is no JSON of the form; [`Entry::fields`] and the readers of single fields say what is wrong with content, as a
+//! `parse` says where text is no JSON of the form; `Entry::fields` and the readers of single fields say what is wrong with content, as a
 //! [`Fault`] that knows nothing of the list it stands in.
 
 mod fault;

@@ -1,7 +1,7 @@
 //! Scenes with obstacles: whether the figure keeps clear of them, judged by [`clearance`], and what that costs.
 //!
 //! Scenes stand in a file, a JSON object a line: `text`, `seed`, `frames`, `kind`, `goal` (`[x, z]`, metres, at the last frame) and `obstacles` as
-//! in [`scene_file`]. In each the motion of the prompt alone collides; [`draw`] makes them.
+//! in [`scene_file`]. In each the motion of the prompt alone collides; `draw` makes them.
 
 use std::fmt::Write as _;
 use std::path::Path;

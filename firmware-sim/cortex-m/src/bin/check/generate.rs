@@ -3,14 +3,14 @@
 use core::{hint::black_box, ops::ControlFlow};
 
 use motionette::ROWS;
-#[cfg(feature = "obstacles")]
-use motionette::{Course, Keyframe, Obstacle, Shape};
-#[cfg(feature = "tracks")]
-use motionette::{Joint, Track};
 use motionette::{
     Anchor, AnchorList, Bones, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, PlanningLimits,
     Progress, Prompt, Request, Sampling, Source, Stop, StreamError, StreamLimits, StreamPlan, refining::Config,
 };
+#[cfg(feature = "obstacles")]
+use motionette::{Course, Keyframe, Obstacle, Shape};
+#[cfg(feature = "tracks")]
+use motionette::{Joint, Track};
 
 /// An observer whose answer the optimiser cannot know.
 struct Watch(ControlFlow<Stop>);
