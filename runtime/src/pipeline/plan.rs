@@ -22,7 +22,7 @@ pub struct Limits {
     /// Distinct anchors.
     pub anchors: usize,
     /// Joints with rows at many frames: those of tracks, beside tracks or obstacles those of anchors, and with obstacles those that lead the
-    /// figure out, six at most; 22 is enough for whatever is asked for, 0 without tracks and obstacles.
+    /// figure out, six at most; a head without another joint of the trunk counts twice, for trunk and neck. 22 is enough for whatever is asked for, 0 without tracks and obstacles.
     pub tracked: usize,
     /// How they are met, and whether feet stay where they stand.
     pub refinement: Config,
