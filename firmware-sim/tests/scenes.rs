@@ -1,21 +1,20 @@
-//! The examples of docs/tracks.md and docs/obstacles.md, as a user runs them: tracks are met and obstacles kept clear of, judged by code of
-//! this test's own on the motion that the viewer shows.
+//! The examples of docs/tracks.md and docs/obstacles.md, as a user runs them: tracks are met and obstacles kept clear of, judged on the motion
+//! that the viewer shows.
 
 mod browser;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use motionette::representation::skeleton::{NAMES, PARENTS};
+use motionette::representation::skeleton::NAMES;
+use motionette_host::motion::Pose;
+use motionette_host::reference::clearance;
+use motionette_host::scene_file;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// Points along a bone are so far apart, metres.
-const SPACING: f64 = 0.05;
-/// Moments from a frame to the next.
-const MOMENTS: usize = 4;
 /// Of a margin, no more than this may be missing, metres.
-const MISSING: f64 = 0.01;
+const MISSING: f64 = 0.005;
 
 type Vector = [f64; 3];
 
@@ -55,10 +54,6 @@ fn numbers(value: &Value) -> Vector {
     std::array::from_fn(|k| list[k].as_f64().expect("a number"))
 }
 
-fn along(a: Vector, b: Vector, share: f64) -> Vector {
-    std::array::from_fn(|k| a[k] + share * (b[k] - a[k]))
-}
-
 fn distance(a: Vector, b: Vector) -> f64 {
     (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
@@ -75,60 +70,14 @@ impl Run {
         points.chunks_exact(NAMES.len()).map(<[Vector]>::to_vec).collect()
     }
 
-    /// Least distance of the figure from the surface of each obstacle of a file, metres: bones in points, moments between frames.
+    /// Least distance of the figure from the surface of each obstacle of a file, metres.
     fn distances(&self, file: &str) -> Vec<f64> {
-        let text = std::fs::read_to_string(example(file)).expect("an example");
-        let file: Value = serde_json::from_str(&text).expect("JSON");
-        let motion = self.motion();
-        let least = |obstacle: &Value| {
-            let mut least = f64::INFINITY;
-            for moment in 0..(motion.len() - 1) * MOMENTS {
-                let (frame, share) = (moment / MOMENTS, (moment % MOMENTS) as f64 / MOMENTS as f64);
-                let time = (frame as f64 + share) / 20.0;
-                let pose: Vec<Vector> =
-                    motion[frame].iter().zip(&motion[frame + 1]).map(|(a, b)| along(*a, *b, share)).collect();
-                for (joint, parent) in PARENTS.into_iter().enumerate().skip(1) {
-                    let (start, end) = (pose[usize::from(parent)], pose[joint]);
-                    let parts = (distance(start, end) / SPACING).ceil().max(1.0);
-                    for part in 0..=parts as usize {
-                        let point = along(start, end, part as f64 / parts);
-                        least = least.min(from_surface(obstacle, point, time));
-                    }
-                }
-            }
-            least
-        };
-        file["obstacles"].as_array().expect("a list").iter().map(least).collect()
+        let narrow = |joint: &Vector| joint.map(|value| value as f32);
+        let motion: Vec<Pose> =
+            self.motion().iter().map(|pose| std::array::from_fn(|joint| narrow(&pose[joint]))).collect();
+        let scene = scene_file::read_scene(&example(file), 20).expect("an example");
+        scene.iter().map(|obstacle| clearance::least(&motion, &obstacle.borrowed(), 20.0)).collect()
     }
-}
-
-/// Distance of a point from an obstacle of an example at a time.
-fn from_surface(obstacle: &Value, point: Vector, time: f64) -> f64 {
-    let middle = match obstacle["keyframes"].as_array() {
-        Some(keys) => {
-            let at = |key: &Value| (key["time"].as_f64().expect("a time"), numbers(&key["position"]));
-            let ((from, a), (to, b)) = (at(&keys[0]), at(&keys[1]));
-            along(a, b, ((time - from) / (to - from)).clamp(0.0, 1.0))
-        }
-        None if obstacle["at"].is_null() => [0.0; 3],
-        None => numbers(&obstacle["at"]),
-    };
-    if let Some(radius) = obstacle["cylinder"]["radius"].as_f64() {
-        let side = (point[0] - middle[0]).hypot(point[2] - middle[2]) - radius;
-        let above = (point[1] - middle[1]).abs() - 0.5 * obstacle["cylinder"]["height"].as_f64().expect("a height");
-        return side.max(0.0).hypot(above.max(0.0)) + side.max(above).min(0.0);
-    }
-    if !obstacle["box"].is_null() {
-        let size = numbers(&obstacle["box"]["size"]);
-        let beyond: Vector = std::array::from_fn(|k| (point[k] - middle[k]).abs() - 0.5 * size[k]);
-        let largest = beyond.into_iter().fold(f64::NEG_INFINITY, f64::max);
-        return beyond.iter().map(|v| v.max(0.0).powi(2)).sum::<f64>().sqrt() + largest.min(0.0);
-    }
-    let capsule = &obstacle["capsule"];
-    let (from, to) = (numbers(&capsule["from"]), numbers(&capsule["to"]));
-    let dot: f64 = (0..3).map(|k| (point[k] - from[k]) * (to[k] - from[k])).sum();
-    let nearest = along(from, to, (dot / distance(from, to).powi(2)).clamp(0.0, 1.0));
-    distance(point, nearest) - capsule["radius"].as_f64().expect("a radius")
 }
 
 /// Runs a scene of the examples; the figure keeps clear of all of it, as the report says.

@@ -100,7 +100,7 @@ impl Surroundings<'_> {
                 Shape::Plane { normal } => ("plane", 0.0, normal),
             };
             let count = if matches!(obstacle.course, Course::Still(_)) { 1 } else { frames };
-            let middles = (0..count).map(|frame| middle(&obstacle.course, frame, self.frame_rate)).collect();
+            let middles = (0..count).map(|frame| obstacle.position(frame as u16, self.frame_rate)).collect();
             ShownObstacle { name, radius, half, margin: obstacle.margin, middles }
         };
         self.conditions.obstacles.iter().map(shown).collect()
@@ -154,47 +154,10 @@ fn error(track: &Track<'_>, frame: usize, pose: &Pose) -> Option<f32> {
     Some(off.sum::<f32>().sqrt())
 }
 
-/// Where the middle of an obstacle is at a frame.
-fn middle(course: &Course<'_>, frame: usize, frame_rate: u16) -> [f32; 3] {
-    match *course {
-        Course::Still(at) => at,
-        Course::Moving { from, velocity } => {
-            let seconds = frame as f32 / f32::from(frame_rate.max(1));
-            std::array::from_fn(|axis| from[axis] + seconds * velocity[axis])
-        }
-        Course::Keyframes(keyframes) => {
-            let next = keyframes.partition_point(|key| usize::from(key.frame) <= frame);
-            let (last, next) = (keyframes.get(next.saturating_sub(1)), keyframes.get(next));
-            let (Some(last), Some(next)) = (last, next.or(keyframes.last())) else { return [0.0; 3] };
-            let gap = f32::from(next.frame) - f32::from(last.frame);
-            let share = if gap > 0.0 { ((frame as f32 - f32::from(last.frame)) / gap).clamp(0.0, 1.0) } else { 0.0 };
-            std::array::from_fn(|axis| last.position[axis] + share * (next.position[axis] - last.position[axis]))
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motionette::{Joint, Keyframe};
-
-    #[test]
-    fn middles_are_where_the_runtime_has_the_obstacle() {
-        let keyframes = [(4, [0.0, 1.0, 0.0]), (10, [3.0, 1.0, -1.0]), (20, [3.0, 2.0, 5.0])]
-            .map(|(frame, position)| Keyframe { frame, position });
-        for course in [
-            Course::Still([1.0, 2.0, 3.0]),
-            Course::Moving { from: [1.0, 0.0, -2.0], velocity: [0.5, 0.0, 2.0] },
-            Course::Keyframes(&keyframes),
-            Course::Keyframes(&keyframes[1..2]),
-        ] {
-            let obstacle = Obstacle::new(Shape::Sphere { radius: 0.25 }, [0.0; 3]).moving(course);
-            for frame in 0..30 {
-                let at = middle(&course, usize::from(frame), 20);
-                assert!((obstacle.distance(at, frame, 20) + 0.25).abs() < 1e-5, "{course:?} at {frame}");
-            }
-        }
-    }
+    use motionette::Joint;
 
     #[test]
     fn clearance_and_errors_of_a_body_that_stands_in_a_point() {

@@ -5,7 +5,7 @@ use crate::generation::tokens::PlanningError;
 use crate::memory::ArenaTooSmall;
 use crate::pipeline::plan::PlanError;
 use crate::refining::SolverError;
-use crate::request::conditions::{AnchorError, MAX_TRACKS, ObstacleError, TrackError};
+use crate::request::conditions::{AnchorError, ObstacleError, TrackError};
 use crate::request::prompt::PromptError;
 
 /// Why a request gave no motion. The generator is usable afterwards.
@@ -124,7 +124,7 @@ impl From<PlanError> for Error {
         match e {
             PlanError::Tokens { found, limit } => Error::Tokens { found, limit },
             PlanError::Anchors { found, limit } => Error::Anchors(AnchorError::TooMany { anchors: found, limit }),
-            PlanError::Tracked { .. } => Error::Tracks(TrackError::TooMany { tracks: usize::MAX, limit: MAX_TRACKS }),
+            PlanError::Tracked { found, limit } => Error::Tracks(TrackError::TooMany { tracks: found, limit }),
             PlanError::Words { found: 0, .. } => Error::Prompt(PromptError::Empty),
             PlanError::Words { found, limit } => Error::Prompt(PromptError::TooManyWords { found, limit }),
             PlanError::Steps { found, limit } => Error::Planning(PlanningError::Steps { found, limit }),

@@ -288,8 +288,8 @@ fn page(outcomes: &[Outcome], facts: &Facts) -> (String, Value) {
     let mut text = format!(
         "# Obstacles\n\nMade by `{}`. Scenes of a file, in each of which the motion of the prompt alone collides with an obstacle or its margin of 5 cm; \
          `ahead`: in the middle of its way, `one`: beside it, `moving`: at .2 to 1.2 m/s, `several`: two or three, `impossible`: a wall before the goal, or a ball around the start. \
-         Bones are judged in f64 every 5 cm and at four moments a frame. A goal is an anchor on the floor at the last frame, where the prompt alone would end. *Said*: impossible scenes are \
-         those that the runtime says it could not clear, or whose goal it says it missed.\n\n\
+         Bones are judged in f64 every 5 cm and at four moments a frame. A goal is an anchor on the floor at the last frame, where the prompt alone would end. \
+         *Said as it is*: the runtime says that margins are kept where the judge finds them kept, and only there.\n\n\
          | scenes | collisions ↓ | margins kept ↑ | least room, mm | goal within 1 cm ↑ | goal missed, most, cm | jerk, times | skating, before, after | said as it is ↑ |\n|---|---|---|---|---|---|---|---|---|\n",
         facts.command
     );

@@ -7,20 +7,19 @@
 //! frames count as well, so that nothing passes through between two.
 
 use super::edit::{Edit, HEIGHT};
+use super::followed::{Clearance, Followed, TrackingError};
 use super::heading::turn;
 use super::parts::Part;
-use super::rows::{Led, Movers, Nearest, Rows, Wanted};
+use super::passes::{Pass, SIDEWAYS, UP, over, passes, side_at};
+use super::rows::{Led, Mover, Rows, Wanted};
 use super::smoother::{Process, Seen, Smoother};
-use super::strain::Tally;
-use super::{Edited, Exact, LEAST_STEP, Strain, place};
+use super::{Edited, Exact, Strain, carry_out, place};
 use crate::JOINTS;
 use crate::memory::{Arena, ArenaTooSmall};
-use crate::numerics::solid::Solid;
-use crate::numerics::vector::{Vector, add, dot, length, scale, subtract, unit};
+use crate::numerics::vector::{Vector, add, dot, length, scale, subtract};
 use crate::refining::terms::anchors::Distances;
 use crate::representation::Pose;
-use crate::request::conditions::{AnchorSet, Obstacle};
-use heapless::Vec;
+use crate::request::conditions::AnchorSet;
 
 /// Repetitions at most.
 const ROUNDS: u16 = 12;
@@ -36,92 +35,14 @@ const MOST: f32 = 0.5;
 const PATH_GROWTH: f32 = 0.01;
 /// Over so many frames velocities of the path, heights and ways of parts go together.
 const LENGTH: f32 = 6.0;
-/// Most obstacles in the way, each time counted.
-const PASSES: usize = 16;
-/// Whoever is in the way again after no more frames than this goes past on the same side.
-const ONE_PASS: usize = 20;
-/// Its way past an obstacle begins and ends so many frames before and behind what is inside.
-const PAST: usize = 5;
-/// A figure whose way past is longer than this passes, metres.
-const PASSED: f32 = 0.25;
 /// So much more than its margin is kept from an obstacle, metres: between half frames a player goes other ways.
 const SPARE: f32 = 0.008;
-/// An obstacle is passed to a side by no more than this, metres.
-const SIDEWAYS: f32 = 2.0;
-/// Feet step over what is lower than this, metres.
-const STEP_OVER: f32 = 0.45;
-/// Trunks duck below what is higher than this, metres.
-const CROUCHED: f32 = 1.0;
-/// Everybody rises and sinks by less than this, metres.
-const TIPTOE: f32 = 0.05;
-/// A way into another obstacle counts so many times more.
-const BLOCKED: f32 = 4.0;
-/// A way up or down counts so many times more: bodies stand on the floor, and arms hang down straight.
-const LESS_UPRIGHT: f32 = 3.0;
 /// From one repetition to the next a part goes so much less of its own way, and the root so much more.
 const YIELD: f32 = 0.5;
 /// Least standard deviation of a part's own way, metres: what has none leaves everything to the root.
 const LEAST_WAY: f32 = 1e-3;
-const UP: Vector = [0.0, 1.0, 0.0];
 /// Limbs may be off at the first frame by what so many frames of speed make good.
 const NEAR: usize = 8;
-
-/// How far a motion is from its tracks.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TrackingError {
-    /// Mean distance over all positions that count, on the axes that do, metres.
-    pub mean: f32,
-    /// Largest distance, metres.
-    pub worst: f32,
-    /// Track with the largest distance, counted in the caller's list.
-    pub worst_track: u16,
-    /// Its frame.
-    pub worst_frame: u16,
-}
-
-/// How far a motion keeps clear of its obstacles, half frames counted.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Clearance {
-    /// Least distance from a surface, metres; negative inside.
-    pub least: f32,
-    /// By how much it is less than the obstacle's margin, metres; negative where all of the margin is kept.
-    pub missing: f32,
-    /// The obstacle, counted in the caller's list.
-    pub obstacle: u16,
-    /// The joint, or the one at the end of the bone.
-    pub joint: u8,
-    /// The frame.
-    pub frame: u16,
-}
-
-impl Clearance {
-    /// A margin counts as kept when no more than this of it is missing, metres.
-    pub const TOLERANCE: f32 = 0.005;
-
-    /// Whether the figure keeps clear of all obstacles; where it does not, there was no way for it.
-    #[must_use]
-    pub fn kept(&self) -> bool {
-        self.missing <= Self::TOLERANCE
-    }
-}
-
-/// What came of tracks and obstacles.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Followed {
-    /// Distance of the generated motion from the tracks; `None` without tracks.
-    pub before: Option<TrackingError>,
-    /// Distance of the edited one.
-    pub after: Option<TrackingError>,
-    /// Positions that could not be followed as fast as they ask for.
-    pub hurried: u16,
-    /// How near the generated motion came to an obstacle; `None` without obstacles.
-    pub clearance_before: Option<Clearance>,
-    /// How near the edited one does.
-    pub clearance: Option<Clearance>,
-}
 
 /// Everything that [`follow`] works in.
 #[derive(Debug)]
@@ -163,8 +84,7 @@ pub fn follow(poses: &mut [Pose], rows: &Rows<'_>, settings: &Exact, scratch: &m
     edit.begin(poses, &AnchorSet::EMPTY, settings.planted);
     let movers = &rows.movers();
     edit.tracks.set(movers);
-    let step = settings.added_speed / f32::from(if rows.frame_rate > 0 { rows.frame_rate } else { 1 });
-    let step = if step > LEAST_STEP { step } else { LEAST_STEP };
+    let step = settings.step(rows.frame_rate);
     let passes = &passes(poses, rows, movers);
     let before = View { poses, rows, movers, edit, passes, step };
     let distances = |view: &View<'_, '_>| Distances::of(rows.anchors, &|joint, frame| view.joint(joint, frame));
@@ -229,13 +149,7 @@ pub fn follow(poses: &mut [Pose], rows: &Rows<'_>, settings: &Exact, scratch: &m
         soft *= YIELD;
     }
     let after = anchors(&View { poses, rows, movers, edit, passes, step });
-    let mut tally = Tally::new(rows.frame_rate);
-    for (frame, pose) in poses.iter_mut().enumerate() {
-        let moved = edit.apply(pose, frame);
-        if tally.add(pose, &moved) {
-            *pose = moved;
-        }
-    }
+    let strained = carry_out(poses, edit, rows.frame_rate);
     let followed = Followed {
         before: generated.tracks,
         after: left.tracks,
@@ -243,145 +157,15 @@ pub fn follow(poses: &mut [Pose], rows: &Rows<'_>, settings: &Exact, scratch: &m
         clearance_before: generated.clearance,
         clearance: left.clearance,
     };
-    let strain = Strain { value: tally.value(), anchor: first.map_or(0, |before| before.worst_anchor) };
+    let strain = Strain { value: strained, anchor: first.map_or(0, |before| before.worst_anchor) };
     Edited { before: first, after, rounds, loosened: 0, strain, followed: Some(followed) }
-}
-
-/// An obstacle in the way of the motion as it was generated: from which frame to which, and to which side the figure passes it.
-#[derive(Debug, Clone, Copy)]
-struct Pass {
-    obstacle: usize,
-    first: usize,
-    last: usize,
-    side: Vector,
-}
-
-/// What of each limb is deepest in an obstacle at a frame, if anything is inside.
-type Inside<'s> = &'s dyn Fn(usize, u8) -> Option<(Solid, Nearest)>;
-
-/// Where obstacles are in the way, the first [`PASSES`] times.
-#[inline(never)]
-fn passes(poses: &[Pose], rows: &Rows<'_>, movers: &Movers) -> Vec<Pass, PASSES> {
-    let mut passes = Vec::new();
-    for (number, obstacle) in rows.obstacles().iter().enumerate() {
-        let inside = |t: usize, mover: u8| {
-            let body = obstacle.at(2 * t, rows.frame_rate);
-            let led = Led::by(mover, movers);
-            let deepest = led.nearest(&body, obstacle.joints, poses.get(t)?, [0.0; 3]);
-            (deepest.clearance < 0.0).then_some((body, deepest))
-        };
-        let any = |t: usize| {
-            let body = obstacle.at(2 * t, rows.frame_rate);
-            let pose = poses.get(t);
-            pose.is_some_and(|pose| Led::ALL.nearest(&body, obstacle.joints, pose, [0.0; 3]).clearance < 0.0)
-        };
-        let mut pass: Option<(usize, usize)> = None;
-        let mut end = |(first, last): (usize, usize)| {
-            // The pelvis' way past, seen from the obstacle, which may move.
-            let seen = |t: usize| subtract(place(poses.get(t), 0), obstacle.at(2 * t, rows.frame_rate).middle);
-            let [from, to] =
-                [first.saturating_sub(PAST), if last + PAST < poses.len() { last + PAST } else { poses.len() - 1 }];
-            // By how much the figure, moved at a frame, is inside the others.
-            let others = |t: usize, by: Vector| {
-                let Some(pose) = poses.get(t) else { return 0.0 };
-                let all = rows.obstacles().iter().enumerate().filter(|(other, _)| *other != number);
-                let clearance = |other: &Obstacle<'_>| {
-                    Led::ALL.nearest(&other.at(2 * t, rows.frame_rate), other.joints, pose, by).clearance
-                };
-                let missing = all.map(|(_, other)| -clearance(other));
-                missing.fold(0.0, |sum: f32, missing| if missing > 0.0 { sum + missing } else { sum })
-            };
-            let side = side(movers, &inside, &others, subtract(seen(to), seen(from)), (first, last));
-            // One more than there is room for is passed as that obstacle's nearest pass, or straight away from it.
-            let _ = passes.push(Pass { obstacle: number, first, last, side });
-        };
-        for t in (0..poses.len()).filter(|t| any(*t)) {
-            pass = Some(match pass {
-                Some((first, last)) if t - last <= ONE_PASS => (first, t),
-                Some(before) => {
-                    end(before);
-                    (t, t)
-                }
-                None => (t, t),
-            });
-        }
-        if let Some(last) = pass {
-            end(last);
-        }
-    }
-    passes
-}
-
-/// To which side what is inside an obstacle between two frames leaves it: the one in which what has the longest way out has
-/// the shortest: across the way on which it is passed, over or below it, or straight away from where one is deepest.
-fn side(
-    movers: &Movers,
-    inside: Inside<'_>,
-    others: &dyn Fn(usize, Vector) -> f32,
-    travel: Vector,
-    (first, last): (usize, usize),
-) -> Vector {
-    // Of each limb where it is deepest, and when.
-    let mut deepest: Vec<(u8, f32, Solid, Vector, usize), JOINTS> = Vec::new();
-    for (mover, _) in movers {
-        let mut own: Option<(u8, f32, Solid, Vector, usize)> = None;
-        for t in first..=last {
-            let Some((body, nearest)) = inside(t, *mover) else { continue };
-            if own.is_none_or(|(_, least, ..)| nearest.clearance < least) {
-                own = Some((nearest.joint, nearest.clearance, body, nearest.point, t));
-            }
-        }
-        if let Some(own) = own {
-            // There is room for every one.
-            let _ = deepest.push(own);
-        }
-    }
-    let mut least = (f32::INFINITY, [0.0; 3]);
-    let [x, _, z] = travel;
-    let across = unit([z, 0.0, -x], [0.0; 3]);
-    let away = deepest.first().map_or([0.0; 3], |(_, _, body, at, _)| body.away(*at));
-    for direction in [across, scale(across, -1.0), UP, scale(UP, -1.0), away] {
-        // Back along one's own way is no way past.
-        let along = dot(direction, unit(travel, [0.0; 3]));
-        if dot(direction, direction) < 0.5 || dot(travel, travel) > PASSED * PASSED && along * along > 0.5 {
-            continue;
-        }
-        let [_, up, _] = direction;
-        let worth = 1.0 + LESS_UPRIGHT * libm::fabsf(up);
-        let mut longest = 0.0;
-        let mut when = first;
-        for (joint, _, body, at, t) in &deepest {
-            let way = body.way_out(*at, direction, SIDEWAYS).unwrap_or(f32::INFINITY);
-            let way = if can(*joint, *at, scale(direction, way)) { way } else { f32::INFINITY };
-            (longest, when) = if way > longest { (way, *t) } else { (longest, when) };
-        }
-        // What other obstacles take back of it.
-        let blocked = if longest < f32::INFINITY { others(when, scale(direction, longest)) } else { 0.0 };
-        let longest = worth * longest + BLOCKED * blocked;
-        if longest < least.0 {
-            least = (longest, direction);
-        }
-    }
-    least.1
-}
-
-/// Whether a body can take a point of itself, on the bone to `joint`, out over or below something: feet step over what is low, trunk and head duck
-/// below what is high, and arms go either way.
-fn can(joint: u8, [_, height, _]: Vector, [_, up, _]: Vector) -> bool {
-    let after = height + up;
-    match joint {
-        18..=21 => after >= 0.0,
-        4 | 5 | 7 | 8 | 10 | 11 if up > 0.0 => after < STEP_OVER,
-        6 | 9 | 12..=17 if up < 0.0 => after > CROUCHED,
-        _ => up.abs() < TIPTOE,
-    }
 }
 
 /// A motion, its rows, and what was added so far.
 struct View<'s, 'a> {
     poses: &'s [Pose],
     rows: &'s Rows<'s>,
-    movers: &'s Movers,
+    movers: &'s [Mover],
     edit: &'s Edit<'a>,
     passes: &'s [Pass],
     /// Way that may be added from a frame to the next, metres.
@@ -424,26 +208,13 @@ impl View<'_, '_> {
         let frame = if frame < last { frame } else { last };
         let Some(pose) = self.poses.get(frame) else { return [[0.0; 3]; JOINTS] };
         match who.and_then(|index| self.movers.get(index)) {
-            Some((joint, _)) => self.edit.applied(pose, frame, Edit::limbs_of(*joint)),
+            Some(mover) => self.edit.applied(pose, frame, Edit::limbs_of(mover.joint)),
             None => self.edit.apply(pose, frame),
         }
     }
 
     fn joint(&self, joint: u8, frame: usize) -> Vector {
         self.poses.get(frame).map(|pose| self.edit.joint(pose, frame, joint)).unwrap_or_default()
-    }
-
-    /// To which side an obstacle is passed at a frame: as the pass says that is nearest in time; nowhere without one.
-    fn side(&self, obstacle: usize, frame: usize) -> Vector {
-        let mut nearest = (usize::MAX, [0.0; 3]);
-        for pass in self.passes.iter().filter(|pass| pass.obstacle == obstacle) {
-            let before = pass.first.saturating_sub(frame);
-            let away = before + frame.saturating_sub(pass.last);
-            if away < nearest.0 {
-                nearest = (away, pass.side);
-            }
-        }
-        nearest.1
     }
 
     /// Fills in what the root lacks, or one of the movers, at every frame, and how many positions of tracks speed does not allow.
@@ -463,7 +234,7 @@ impl View<'_, '_> {
             let all = self.movers.iter().zip(&mut paces).enumerate();
             for (index, (mover, pace)) in all.filter(|(index, _)| who.is_none_or(|who| who == *index)) {
                 let (lack, late) = self.lack(*mover, frame, window, way, pace);
-                hurried += u16::from(late);
+                hurried = u16::saturating_add(hurried, u16::from(late));
                 if who.is_some() {
                     let far = length(lack.way);
                     shared = if far > MOST { Lack { way: scale(lack.way, MOST / far), ..lack } } else { lack };
@@ -499,7 +270,7 @@ impl View<'_, '_> {
     /// added to it by whoever is to be found anew.
     fn lack(
         &self,
-        (joint, part): (u8, Part),
+        Mover { joint, part, led }: Mover,
         frame: usize,
         window: [&Pose; 3],
         way: Vector,
@@ -528,11 +299,14 @@ impl View<'_, '_> {
                 }
             }
         }
-        let led = Led::by(joint, self.movers);
-        if !led.is_empty() && !matches!(part, Part::Neck(_)) {
+        if !led.is_empty() {
             self.clear((joint, led), frame, window, way, &mut lack);
         }
-        (lack, hurried)
+        // What is asked of a head is asked of its trunk already.
+        (
+            lack,
+            hurried && !(part == Part::Neck(joint) && self.movers.iter().any(|other| other.part == Part::Lean(joint))),
+        )
     }
 
     /// Adds what obstacles ask for.
@@ -550,7 +324,7 @@ impl View<'_, '_> {
                 // Whoever has been taken out stays out.
                 let freed = || led.nearest(&body, obstacle.joints, pose, scale(way, -1.0)).clearance < 0.0;
                 if nearest.clearance < 0.0 || dot(way, way) > 0.0 && freed() {
-                    let side = self.side(index, frame);
+                    let side = side_at(self.passes, index, frame);
                     let mut push = body.push(nearest.point, side, SIDEWAYS);
                     if side == UP {
                         push = add(push, over(&body, add(place(Some(pose), joint), push)));
@@ -625,15 +399,6 @@ impl View<'_, '_> {
         }
         left
     }
-}
-
-/// What takes the end of a leg up until nothing of the body is above it.
-fn over(body: &Solid, at: Vector) -> Vector {
-    let ([x, y, z], [_, middle, _]) = (at, body.middle);
-    let column = [x, middle, z];
-    let inside = y < middle && body.clearance(column) < 0.0;
-    let top = if inside { body.way_out(column, UP, SIDEWAYS).map(|way| middle + way) } else { None };
-    top.map_or([0.0; 3], |top| [0.0, top - y, 0.0])
 }
 
 /// Half way from one pose to another.

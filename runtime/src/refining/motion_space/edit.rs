@@ -2,7 +2,7 @@
 
 use super::covariance::Covariance;
 use super::parts::{Part, Side};
-use super::rows::Movers;
+use super::rows::Mover;
 use super::stances::{HELD, fill, mark, next_run};
 use crate::JOINTS;
 use crate::kernels;
@@ -97,9 +97,9 @@ impl<'a> Tracks<'a> {
     }
 
     /// Whose ways they are.
-    pub(super) fn set(&mut self, movers: &Movers) {
-        for (slot, (_, part)) in self.parts.iter_mut().zip(movers) {
-            *slot = *part;
+    pub(super) fn set(&mut self, movers: &[Mover]) {
+        for (slot, mover) in self.parts.iter_mut().zip(movers) {
+            *slot = mover.part;
         }
     }
 

@@ -10,7 +10,8 @@
 //! - `cholesky`: the linear systems.
 //! - `smoother`: the same for dense tracks, in time that grows with the frames alone.
 //! - `rows`: what tracks, obstacles and the anchors beside them ask of each joint.
-//! - `dense`: meets these rows; a request without tracks and obstacles does without it.
+//! - `passes`: to which side obstacles are passed.
+//! - `dense`: meets these rows; a request without tracks and obstacles does without it. `followed`: what came of them.
 //! - `heading`: bodies that rows lead elsewhere turn to where they go.
 //! - `stances`: when feet stand, and how offsets go from one stance to the next.
 //! - `parts`: which part of the body moves for which anchor.
@@ -25,8 +26,10 @@ mod cholesky;
 mod covariance;
 pub mod dense;
 mod edit;
+mod followed;
 mod heading;
 mod parts;
+mod passes;
 pub mod rows;
 pub mod smoother;
 mod stances;
@@ -41,8 +44,8 @@ use crate::refining::terms::anchors::Distances;
 use crate::representation::Pose;
 use crate::request::conditions::{AnchorSet, MAX_ANCHORS};
 use cholesky::{Cholesky, triangle};
-pub use dense::{Clearance, Followed, TrackingError};
 use edit::{Edit, HEIGHT, Point, TAIL};
+pub use followed::{Clearance, Followed, TrackingError};
 use parts::{Part, Side};
 pub use strain::Strain;
 use strain::Tally;
@@ -86,6 +89,12 @@ pub struct Exact {
 impl Exact {
     /// 5 m/s, planted feet.
     pub const DEFAULT: Self = Self { added_speed: 5.0, planted: true };
+
+    /// The way that may be added from a frame to the next, metres.
+    fn step(&self, frame_rate: u16) -> f32 {
+        let step = self.added_speed / f32::from(if frame_rate > 0 { frame_rate } else { 1 });
+        if step > LEAST_STEP { step } else { LEAST_STEP }
+    }
 }
 
 impl Default for Exact {
@@ -144,20 +153,24 @@ pub fn solve(
 ) -> Edited {
     let Scratch { edit, system } = scratch;
     edit.begin(poses, anchors, settings.planted);
-    let step = settings.added_speed / f32::from(if frame_rate > 0 { frame_rate } else { 1 });
-    let step = if step > LEAST_STEP { step } else { LEAST_STEP };
+    let step = settings.step(frame_rate);
     let mut edited = Solver { poses, anchors, step, edit, system }.run();
     if !anchors.is_empty() || settings.planted {
-        let mut tally = Tally::new(frame_rate);
-        for (frame, pose) in poses.iter_mut().enumerate() {
-            let moved = edit.apply(pose, frame);
-            if tally.add(pose, &moved) {
-                *pose = moved;
-            }
-        }
-        edited.strain.value = tally.value();
+        edited.strain.value = carry_out(poses, edit, frame_rate);
     }
     edited
+}
+
+/// Edits each pose, but for what is beyond all measure; how far that takes the motion from what was generated.
+fn carry_out(poses: &mut [Pose], edit: &Edit<'_>, frame_rate: u16) -> f32 {
+    let mut tally = Tally::new(frame_rate);
+    for (frame, pose) in poses.iter_mut().enumerate() {
+        let moved = edit.apply(pose, frame);
+        if tally.add(pose, &moved) {
+            *pose = moved;
+        }
+    }
+    tally.value()
 }
 
 /// A solution in the making.

@@ -27,8 +27,16 @@ pub struct Rows<'r> {
     pub frame_rate: u16,
 }
 
-/// Joints, each with the part that moves for it.
-pub type Movers = Vec<(u8, Part), JOINTS>;
+/// A joint with rows.
+#[derive(Debug, Clone, Copy)]
+pub struct Mover {
+    /// The joint.
+    pub joint: u8,
+    /// What moves for it.
+    pub part: Part,
+    /// What it leads out of obstacles.
+    pub led: Led,
+}
 
 /// What is wanted of a joint at a frame: the place, and on each axis how loosely, as a variance, square metres; infinite where it is free.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,7 +107,7 @@ impl Rows<'_> {
     }
 
     /// The same, each with what moves for it, those nearer to the pelvis first.
-    pub fn movers(&self) -> Movers {
+    pub fn movers(&self) -> Vec<Mover, JOINTS> {
         let joints = self.joints();
         let all = (0..JOINTS as u8).filter(|joint| joints >> joint & 1 == 1);
         let place = |joint| Observed { target: [0.0; 3], frame: 0, index: 0, joint, family: Family::BodyPoint };
@@ -108,12 +116,14 @@ impl Rows<'_> {
         for joint in all {
             let _ = list.push(place(joint));
         }
-        let mut movers = Movers::new();
+        let mut movers = Vec::new();
         for joint in &list {
-            let _ = movers.push((joint.joint, Part::of(joint, list.iter())));
+            let (joint, part) = (joint.joint, Part::of(joint, list.iter()));
+            let led = if self.obstacles().is_empty() { Led::NONE } else { Led::by(joint, joints) };
+            let _ = movers.push(Mover { joint, part, led });
         }
         if joints & NECK != 0 {
-            let _ = movers.push((HEAD, Part::Neck(HEAD)));
+            let _ = movers.push(Mover { joint: HEAD, part: Part::Neck(HEAD), led: Led::NONE });
         }
         movers
     }
@@ -162,9 +172,12 @@ impl Led {
     /// The whole figure.
     pub const ALL: Self = Led { bones: u32::MAX };
 
-    /// What `mover` leads out.
-    pub fn by(mover: u8, movers: &Movers) -> Self {
-        let moves = |joint: &&u8| movers.iter().any(|(mover, _)| mover == *joint);
+    /// Nothing.
+    const NONE: Self = Led { bones: 0 };
+
+    /// What `mover` leads out, where those of `joints`, bit by bit, move.
+    fn by(mover: u8, joints: u32) -> Self {
+        let moves = |joint: &&u8| joints >> *joint & 1 == 1;
         let mut bones = 0;
         for joint in 0..JOINTS as u8 {
             let leaders = LEADERS.get(limb(joint)).copied().unwrap_or_default();

@@ -109,6 +109,12 @@ impl<'r> Obstacle<'r> {
         Solid { shape: self.shape, middle: self.middle(halves, frame_rate), margin: self.margin }
     }
 
+    /// Where its middle is at a frame, metres.
+    #[must_use]
+    pub fn position(&self, frame: u16, frame_rate: u16) -> [f32; 3] {
+        self.middle(2 * usize::from(frame), frame_rate)
+    }
+
     /// How far a point is from its surface at a frame, metres; negative inside.
     #[must_use]
     pub fn distance(&self, point: [f32; 3], frame: u16, frame_rate: u16) -> f32 {
