@@ -54,10 +54,6 @@ fn numbers(value: &Value) -> Vector {
     std::array::from_fn(|k| list[k].as_f64().expect("a number"))
 }
 
-fn distance(a: Vector, b: Vector) -> f64 {
-    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
-}
-
 impl Run {
     /// Joints of the edited motion, metres.
     fn motion(&self) -> Vec<Vec<Vector>> {
