@@ -6,7 +6,8 @@ use motionette::playback::queue::queue_bytes;
 use motionette::playback::robot::MAX_CHANNELS;
 use motionette::playback::{Feeder, Player, Robot};
 use motionette::refining::Config;
-use motionette::{Generator, Limits, Model, MotionStream, Plan, PlanError, StreamLimits, StreamPlan};
+use motionette::representation::posture::DIRECTIONS;
+use motionette::{Generator, Limits, Model, MotionStream, Plan, PlanError, StreamLimits, StreamPlan, TimelineLimits};
 use motionette::{LEAST_ROWS, MOST_ROWS};
 use serde::Serialize;
 
@@ -128,6 +129,8 @@ pub struct Report {
     pub anchors: usize,
     /// Joints of the largest request that have rows at many frames, for tracks and obstacles.
     pub tracked: usize,
+    /// Spans of the largest request's timeline, each as long as the motion.
+    pub spans: usize,
     /// Rows that pass through a layer at a time.
     pub rows: usize,
     /// Planning of the largest request; `None` for requests that bring their tokens, or without a planner.
@@ -161,15 +164,15 @@ pub struct Report {
     pub self_test: String,
 }
 
-/// Plans the largest request of `tokens` tokens, `anchors` anchors and `tracked` joints with rows at many frames. `tokens`, and the words of `planning`, are cut to what the model
-/// allows; a model without a planner plans nothing.
+/// Plans the largest request of `tokens` tokens, `anchors` anchors, `tracked` joints with rows at many frames and `spans` spans of a timeline. `tokens`, and
+/// the words of `planning`, are cut to what the model allows; a model without a planner plans nothing.
 ///
 /// # Errors
 /// [`Error`].
 pub fn plan(
     blob: &BlobFile,
     tokens: usize,
-    (anchors, tracked): (usize, usize),
+    (anchors, tracked, spans): (usize, usize, usize),
     refinement: Config,
     planning: Option<planning::PlanningLimits>,
     rows: usize,
@@ -182,7 +185,11 @@ pub fn plan(
         let words = if model.vector_width().is_some() { 0 } else { limits.words.clamp(1, most) };
         planning::PlanningLimits { words, anchors, ..limits }
     });
-    let plan = Plan::for_request(&model, &Limits { tokens, anchors, tracked, refinement, planning, rows })?;
+    let directions = DIRECTIONS * tokens * model.frames_per_token();
+    let of_spans = planning.map(|limits| planning::PlanningLimits { anchors: false, ..limits });
+    let timeline = of_spans.filter(|_| spans > 0);
+    let timeline = timeline.map(|planning| TimelineLimits { spans, directions, tokens, planning });
+    let plan = Plan::for_request(&model, &Limits { tokens, anchors, tracked, timeline, refinement, planning, rows })?;
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
     let mut arena = vec![
         share("tokens", plan.token_bytes),
@@ -193,6 +200,9 @@ pub fn plan(
         share("token embeddings", plan.embedding_bytes),
         share("solver, or edit", plan.solver_bytes.max(plan.edit_bytes)),
     ];
+    if plan.timeline_bytes > 0 {
+        arena.push(share("timeline", plan.timeline_bytes));
+    }
     // Planning comes first and leaves its place to everything but the tokens.
     let rest: u64 = arena.iter().map(|s| s.amount).sum();
     if planning.is_some() {
@@ -204,6 +214,7 @@ pub fn plan(
         frames: tokens * model.frames_per_token(),
         anchors,
         tracked,
+        spans,
         rows,
         planning: planning.map(|limits| Planning {
             words: limits.words,

@@ -42,6 +42,7 @@ fn runtime(bench: &Bench, name: &str) -> Vec<f64> {
         tokens: TOKENS.len(),
         anchors: 0,
         tracked: 0,
+        timeline: None,
         refinement: Default::default(),
         planning: None,
         rows: ROWS,

@@ -125,7 +125,7 @@ pub use memory::ArenaTooSmall;
 pub use model::{CargoFeature, InWords, Model, cargo_features};
 pub use nn::linear::{LEAST_ROWS, MOST_ROWS};
 pub use numerics::hash::motion as motion_hash;
-pub use pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan};
+pub use pipeline::plan::{Limits, Plan, PlanError, ROWS, StreamLimits, StreamPlan, TimelineLimits};
 pub use pipeline::{Error, Frame, Generator, Motion, MotionStream, Observer, Progress, Segment, Stage, StreamError};
 pub use request::conditions::{
     ALL_JOINTS, Anchor, AnchorError, AnchorList, Anchors, AsAnchors, Course, FARTHEST, FASTEST_OBSTACLE, Family,
@@ -133,6 +133,7 @@ pub use request::conditions::{
 };
 pub use request::joint::{Joint, NoSuchJoint};
 pub use request::prompt::{Prompt, PromptError, PromptStats};
+pub use request::timeline::{BodyParts, LEAST_SPAN, MAX_SPANS, Span, TimelineError};
 pub use request::{Bones, Request, Source};
 pub use stop::Stop;
 pub use text::clauses::{Clauses, MAX_CLAUSES};

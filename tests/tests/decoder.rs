@@ -11,6 +11,7 @@ fn generate(model: &Model<'_>, request: &Request<'_>) -> (Vec<f32>, Vec<f32>) {
         tokens: model.max_tokens(),
         anchors: request.anchors.len(),
         tracked: 0,
+        timeline: None,
         refinement,
         planning: None,
         rows: ROWS,

@@ -45,7 +45,10 @@ fn cases_reach_both_outcomes_of_every_reader() {
         tally.files_refused,
         tally.files_read,
     ];
-    assert!(counts.iter().all(|&count| count > 10) && tally.conditioned > 3 && tally.led > 3, "{tally:?}");
+    assert!(
+        counts.iter().all(|&count| count > 10) && tally.conditioned > 3 && tally.led > 3 && tally.parted > 3,
+        "{tally:?}"
+    );
     assert_eq!(
         fuzz::run(2, 0, 3000, 1, |_| {}),
         Ok(tally),

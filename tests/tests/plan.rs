@@ -358,7 +358,15 @@ fn layers_take_no_more_for_longer_motions() {
     let plan = |tokens| {
         Plan::for_request(
             &nano,
-            &Limits { tokens, anchors: 8, tracked: 0, refinement: Config::default(), planning: None, rows: ROWS },
+            &Limits {
+                tokens,
+                anchors: 8,
+                tracked: 0,
+                timeline: None,
+                refinement: Config::default(),
+                planning: None,
+                rows: ROWS,
+            },
         )
         .expect("the limits are legal")
     };

@@ -166,6 +166,7 @@ fn self_test_of_a_converted_blob_passes() {
         tokens: usize::from(test.tokens),
         anchors: 0,
         tracked: 0,
+        timeline: None,
         refinement: Default::default(),
         planning: None,
         rows: ROWS,

@@ -67,6 +67,7 @@ fn whole(model: &Model<'_>, tokens: &[u16]) -> Vec<u32> {
         tokens: model.max_tokens(),
         anchors: 0,
         tracked: 0,
+        timeline: None,
         refinement: Default::default(),
         planning: None,
         rows: ROWS,
@@ -214,7 +215,15 @@ fn the_radius_is_how_far_a_token_reaches() {
         assert_eq!(model.decoder().radius_tokens(), radius.div_ceil(up), "{shape:?}");
         let plan = Plan::for_request(
             &model,
-            &Limits { tokens: 3, anchors: 0, tracked: 0, refinement: Default::default(), planning: None, rows: ROWS },
+            &Limits {
+                tokens: 3,
+                anchors: 0,
+                tracked: 0,
+                timeline: None,
+                refinement: Default::default(),
+                planning: None,
+                rows: ROWS,
+            },
         )
         .expect("the limits are legal");
         assert_eq!((plan.radius_tokens, plan.latency_frames), (radius.div_ceil(up), radius));
@@ -306,8 +315,15 @@ fn stopped_at_any_observer_call_the_motion_goes_on_there_and_the_generator_is_us
     let tokens = random_tokens(&model, 7, &mut random);
     let want = whole(&model, &tokens);
     let limits = StreamLimits { tokens: 7, planning: None, rows: ROWS };
-    let request =
-        Limits { tokens: 7, anchors: 0, tracked: 0, refinement: Default::default(), planning: None, rows: ROWS };
+    let request = Limits {
+        tokens: 7,
+        anchors: 0,
+        tracked: 0,
+        timeline: None,
+        refinement: Default::default(),
+        planning: None,
+        rows: ROWS,
+    };
     let bytes = StreamPlan::new(&model, &limits)
         .expect("the limits are legal")
         .arena_bytes

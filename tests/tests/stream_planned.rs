@@ -35,6 +35,7 @@ fn memory(model: &Model<'_>, steps: u16) -> Vec<u8> {
         tokens: limits.tokens,
         anchors: 0,
         tracked: 0,
+        timeline: None,
         refinement: Default::default(),
         planning: limits.planning,
         rows: ROWS,

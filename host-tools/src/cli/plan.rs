@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use motionette::generation::tokens::PlanningLimits;
 use motionette::refining::Config;
-use motionette::{LEAST_ROWS, MOST_ROWS, ROWS};
+use motionette::{LEAST_ROWS, MAX_SPANS, MOST_ROWS, ROWS};
 use serde_json::Value;
 
 use super::model::grouped;
@@ -34,6 +34,9 @@ pub(super) struct Cmd {
     /// body out. 22 is enough for whatever is asked for.
     #[arg(long, default_value_t = 0, value_name = "N")]
     tracked: usize,
+    /// Spans of a timeline, prompts of their own for parts of the body, each as long as the motion.
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=MAX_SPANS as i64))]
+    spans: u16,
     /// Plan for anchors that the planner does not see, though the model could show it them.
     #[arg(long)]
     unconditioned: bool,
@@ -79,11 +82,21 @@ impl Cmd {
              that ends in exact",
             self.refinement
         );
-        let report =
-            plan::plan(&blob, self.tokens, (anchors, self.tracked), refinement, planning, usize::from(self.rows))?;
+        ensure!(
+            self.spans == 0 || planning.is_some(),
+            "spans of a timeline are planned from text: leave --words 0 out"
+        );
+        let conditions = (anchors, self.tracked, usize::from(self.spans));
+        let report = plan::plan(&blob, self.tokens, conditions, refinement, planning, usize::from(self.rows))?;
         say(&format!(
-            "{}: {} tokens, {} frames, {} anchors, {} joints with rows, {} solver evaluations",
-            report.model, report.tokens, report.frames, report.anchors, report.tracked, report.solver_evaluations
+            "{}: {} tokens, {} frames, {} anchors, {} joints with rows, {} spans, {} solver evaluations",
+            report.model,
+            report.tokens,
+            report.frames,
+            report.anchors,
+            report.tracked,
+            report.spans,
+            report.solver_evaluations
         ));
         if let Some(p) = &report.planning {
             let guidance = if p.guided { "on" } else { "off" };

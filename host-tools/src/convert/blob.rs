@@ -122,6 +122,7 @@ fn run_self_test(blob: &[u8], test: &SelfTest) -> Result<u64, Error> {
         tokens: usize::from(test.tokens),
         anchors: 0,
         tracked: 0,
+        timeline: None,
         refinement: Default::default(),
         planning: None,
         rows: motionette::ROWS,

@@ -7,6 +7,7 @@ use crate::pipeline::plan::PlanError;
 use crate::refining::SolverError;
 use crate::request::conditions::{AnchorError, ObstacleError, TrackError};
 use crate::request::prompt::PromptError;
+use crate::request::timeline::TimelineError;
 
 /// Why a request gave no motion. The generator is usable afterwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,6 +50,8 @@ pub enum Error {
     Tracks(TrackError),
     /// An obstacle was refused.
     Obstacles(ObstacleError),
+    /// A span of the timeline was refused.
+    Timeline(TimelineError),
     /// A bone of the request's skeleton is not between 1 mm and 3 m long.
     Bone {
         /// The joint at its end.
@@ -88,6 +91,7 @@ impl core::fmt::Display for Error {
             Error::Anchors(e) => e.fmt(f),
             Error::Tracks(e) => e.fmt(f),
             Error::Obstacles(e) => e.fmt(f),
+            Error::Timeline(e) => e.fmt(f),
             Error::Bone { joint } => {
                 write!(f, "the bone to joint {joint} of the request's skeleton is not between 0.001 and 3 m long")
             }
@@ -107,6 +111,7 @@ impl core::error::Error for Error {
             Error::Anchors(e) => Some(e),
             Error::Tracks(e) => Some(e),
             Error::Obstacles(e) => Some(e),
+            Error::Timeline(e) => Some(e),
             Error::Solver(e) => Some(e),
             _ => None,
         }
@@ -187,7 +192,7 @@ pub enum StreamError {
     },
     /// The motion has been finished: no more tokens.
     Finished,
-    /// A stream takes text and tokens, without anchors, tracks and obstacles.
+    /// A stream takes text and tokens, without anchors, tracks, obstacles and timelines.
     NotInParts,
 }
 

@@ -12,6 +12,7 @@ mod sequence;
 pub(crate) mod stream;
 #[cfg(test)]
 mod tests;
+mod timeline;
 
 pub use error::{Error, StreamError};
 pub use observer::{Observer, Progress, Stage};
@@ -20,6 +21,7 @@ pub use stream::{Frame, MotionStream, Segment};
 use crate::JOINTS;
 pub use crate::blob::SELF_TEST_NUMBERS;
 use crate::codec::Decode;
+use crate::codec::vq::decoder::Workspace;
 use crate::generation::tokens::session::Modules;
 use crate::generation::tokens::{self as planning, PlanningError};
 use crate::log;
@@ -31,7 +33,7 @@ use crate::refining::motion_space::rows::Rows;
 use crate::refining::motion_space::{self, Edited};
 use crate::refining::terms::anchors::Distances;
 use crate::refining::{self, Config, Objective, Report, SolverError, Strain};
-use crate::representation::humanml3d::channels;
+use crate::representation::humanml3d::{Path, channels};
 use crate::representation::{Features, Recover};
 use crate::request::conditions::{AnchorSet, Track, TrackError, obstacle, track};
 use crate::request::prompt::PromptStats;
@@ -53,6 +55,7 @@ pub struct Motion<'a> {
     heard: PromptStats,
     then: Then,
     parted: bool,
+    spans: timeline::Heard,
     unconditioned: u16,
     frame_rate: u16,
     /// What the refinement onto anchors did; `None` without one.
@@ -115,6 +118,12 @@ impl<'a> Motion<'a> {
     #[must_use]
     pub const fn parted(&self) -> bool {
         self.parted
+    }
+
+    /// What was understood of the prompts of the timeline's spans, in the request's order; behind the last of them nothing.
+    #[must_use]
+    pub const fn spans(&self) -> &[PromptStats] {
+        &self.spans
     }
 
     /// Distinct anchors of the request that the planner did not see: those of families it was not trained for, or all of them,
@@ -189,6 +198,7 @@ impl<'a> Generator<'a> {
     fn check(&self, request: &Request<'_>, anchors: &mut AnchorSet) -> Result<Limits, Error> {
         let mut limits = self.limits(request)?;
         bones::check(request.bones)?;
+        limits.timeline = timeline::check(&self.model, request, limits.tokens)?;
         let frames = limits.tokens * self.model.frames_per_token();
         anchors.fill(request.anchors, self.model.frame_rate(), frames)?;
         if request.refinement.is_some() {
@@ -253,15 +263,16 @@ impl<'a> Generator<'a> {
                 let clauses = sequence::clauses(text, &prompt, plan).map_or(1, |clauses| clauses.len());
                 let (steps, guided) = (plan.steps, plan.guided());
                 let planning = planning::PlanningLimits { words, steps, guided, anchors: false, clauses };
-                let rows = self.rows;
-                return Ok(Limits { tokens, anchors: 0, tracked: 0, refinement, planning: Some(planning), rows });
+                let (planning, rows) = (Some(planning), self.rows);
+                return Ok(Limits { tokens, anchors: 0, tracked: 0, timeline: None, refinement, planning, rows });
             }
         };
         let tokens = numbers / each.max(1);
         if tokens == 0 || tokens > limit || !numbers.is_multiple_of(each.max(1)) {
             return Err(Error::Tokens { found: if tokens > limit { tokens } else { numbers }, limit });
         }
-        Ok(Limits { tokens, anchors: 0, tracked: 0, refinement, planning: None, rows: self.rows })
+        let (planning, rows) = (None, self.rows);
+        Ok(Limits { tokens, anchors: 0, tracked: 0, timeline: None, refinement, planning, rows })
     }
 
     /// Whether the planner would see any of `anchors`.
@@ -303,7 +314,12 @@ impl<'a> Generator<'a> {
         }
         let quantizers = model.codebooks().quantizers();
         let tokens = buffers::tokens(model, &limits, &mut arena).map_err(too_small)?;
+        let directions = timeline::directions(&limits, &mut arena).map_err(too_small)?;
+        let mut spans = timeline::Heard::default();
         let mut peak = 0;
+        if cfg!(feature = "timeline") {
+            peak = timeline::read(model, (request, &limits), directions, &mut spans, &mut arena, observer)?;
+        }
         let mut unconditioned = if linked(request.tracks).is_empty() { anchors.len() } else { limits.anchors } as u16;
         let heard = PromptStats::default();
         let mut made = Planned { tokens: limits.tokens, heard, then: Then::default(), parted: false };
@@ -311,9 +327,9 @@ impl<'a> Generator<'a> {
             (request.source, &limits.planning, model.planning())
         {
             let ends = linked(request.tracks).iter().filter_map(Track::last);
-            let last = ends.chain(anchors.last_frame().map(usize::from)).max();
+            let spans = request.timeline.iter().filter(|_| cfg!(feature = "timeline")).map(|span| span.end() - 1);
+            let last = ends.chain(spans).chain(anchors.last_frame().map(usize::from)).max();
             let shortest = last.map_or(1, |frame| frame / model.frames_per_token().max(1) + 1);
-            let mut overlay = arena.overlay();
             let task = PlanningTask {
                 limits: planning,
                 rows: limits.rows,
@@ -325,15 +341,9 @@ impl<'a> Generator<'a> {
                 clause: (0, 1),
                 anchors: Some(&anchors).filter(|_| planning.anchors),
             };
-            (made, peak) = match sequence::clauses(modules.text, &prompt, &request.planning) {
-                Some(clauses) if !is_one_action(modules, &task, &clauses, &mut overlay.overlay(), observer)? => {
-                    plan_clauses(modules, task, &clauses, &mut overlay, tokens, observer)?
-                }
-                _ => {
-                    let made = plan_tokens(modules, task, &mut overlay, tokens, observer)?;
-                    (made, overlay.used())
-                }
-            };
+            let used;
+            (made, used) = plan_prompt(modules, task, &mut arena, tokens, observer)?;
+            peak = if peak > used { peak } else { used };
             if let (true, Some(control)) = (planning.anchors && !made.parted, model.control()) {
                 unconditioned = anchors.iter().filter(|anchor| !control.sees(anchor.family)).count() as u16;
             }
@@ -385,16 +395,12 @@ impl<'a> Generator<'a> {
             };
         }
 
-        let all = channels(u32::MAX);
-        let values = part_mut!(features, ..frames * all.count());
         let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
-        if decoder.forward(u, &all, values, &mut work, &mut || watch.ask_at_the_end()).is_break() {
-            return Err(Error::Aborted);
-        }
-        let recovery = model.recovery();
-        recovery.integrate(Features { values, channels: &all }, &mut path);
-        let joints = recovery.joints(values, &path);
+        let joints = decode(model, frames, (u, features, &mut path, &mut work), &mut watch)?;
         bones::pose(model, request.bones, joints);
+        if cfg!(feature = "timeline") {
+            timeline::hold(request.timeline, directions, joints);
+        }
         if scale != 1.0 {
             anchors.fill(request.anchors, model.frame_rate(), limits.tokens * model.frames_per_token())?;
         }
@@ -415,7 +421,7 @@ impl<'a> Generator<'a> {
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
         let Planned { heard, then, parted, .. } = made;
         let frame_rate = model.frame_rate();
-        Ok(Motion { joints, u, tokens, heard, then, parted, unconditioned, frame_rate, refinement, arena_used })
+        Ok(Motion { joints, u, tokens, heard, then, parted, spans, unconditioned, frame_rate, refinement, arena_used })
     }
 
     /// Runs the blob's self-test: decodes its token sequence, as a stream so that it needs less memory than a motion of that length, and
@@ -461,6 +467,44 @@ impl<'a> Generator<'a> {
         }
         Ok(Some(hash.value() == test.hash))
     }
+}
+
+/// Plans what a prompt asks for into `tokens`, clause by clause where it has several; with the bytes that were used at most.
+#[inline(never)]
+fn plan_prompt(
+    modules: Modules<'_, '_>,
+    task: PlanningTask<'_>,
+    arena: &mut Arena<'_>,
+    tokens: &mut [u16],
+    observer: &mut dyn Observer,
+) -> Result<(Planned, usize), Error> {
+    let mut overlay = arena.overlay();
+    match sequence::clauses(modules.text, task.prompt, task.planning) {
+        Some(clauses) if !is_one_action(modules, &task, &clauses, &mut overlay.overlay(), observer)? => {
+            plan_clauses(modules, task, &clauses, &mut overlay, tokens, observer)
+        }
+        _ => {
+            let made = plan_tokens(modules, task, &mut overlay, tokens, observer)?;
+            Ok((made, overlay.used()))
+        }
+    }
+}
+
+/// Decodes embeddings, the first of the buffers, to the joints of so many frames, `[T][22][3]` metres, in the place of the features.
+fn decode<'f>(
+    model: &Model<'_>,
+    frames: usize,
+    (u, features, path, work): (&[f32], &'f mut [f32], &mut Path<'_>, &mut Workspace<'_>),
+    watch: &mut Watch<'_>,
+) -> Result<&'f mut [f32], Error> {
+    let all = channels(u32::MAX);
+    let values = part_mut!(features, ..frames * all.count());
+    if model.decoder().forward(u, &all, values, work, &mut || watch.ask_at_the_end()).is_break() {
+        return Err(Error::Aborted);
+    }
+    let recovery = model.recovery();
+    recovery.integrate(Features { values, channels: &all }, path);
+    Ok(recovery.joints(values, path))
 }
 
 /// The tracks of a firmware that knows any: what takes them is left out with the feature.

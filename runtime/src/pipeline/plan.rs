@@ -8,7 +8,7 @@ use crate::generation::tokens::session::Modules;
 use crate::memory::Arena;
 use crate::model::Model;
 use crate::pipeline::buffers::{self, Decoding};
-use crate::pipeline::stream;
+use crate::pipeline::{stream, timeline};
 use crate::refining::motion_space::Exact;
 use crate::refining::{self, Config};
 use crate::representation::humanml3d::channels;
@@ -24,7 +24,9 @@ pub struct Limits {
     /// Joints with rows at many frames: those of tracks, beside tracks or obstacles those of anchors, and with obstacles those that lead the
     /// figure out, six at most; a head without another joint of the trunk counts twice, for trunk and neck. 22 is enough for whatever is asked for, 0 without tracks and obstacles.
     pub tracked: usize,
-    /// How they are met, and whether feet stay where they stand.
+    /// Spans of a timeline; `None` without any.
+    pub timeline: Option<TimelineLimits>,
+    /// How anchors and the others are met, and whether feet stay where they stand.
     pub refinement: Config,
     /// Planning from text; `None` for tokens and embeddings.
     pub planning: Option<planning::PlanningLimits>,
@@ -33,6 +35,20 @@ pub struct Limits {
     /// the decoder half as many tokens more. Weights are read once for so much, and it takes room: the motion is the same, memory
     /// and speed are not.
     pub rows: usize,
+}
+
+/// The largest timeline that is to be served.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TimelineLimits {
+    /// Spans.
+    pub spans: usize,
+    /// Directions of bones that they keep in all: for each of their frames [`BodyParts::directions`]. 17 a frame of the motion is enough for
+    /// whatever is asked for.
+    pub directions: usize,
+    /// Tokens of the longest.
+    pub tokens: usize,
+    /// Planning of the largest.
+    pub planning: planning::PlanningLimits,
 }
 
 /// [`Limits::rows`] where nobody says otherwise.
@@ -48,7 +64,9 @@ pub struct Plan {
     pub arena_bytes: usize,
     /// Of these, bytes of the tokens.
     pub token_bytes: usize,
-    /// Bytes of planning by purpose, in the place of what follows.
+    /// Bytes of what a timeline's spans keep.
+    pub timeline_bytes: usize,
+    /// Bytes of planning by purpose, in the place of what follows; the spans' motions, where they need more, come before it in the same place.
     pub planning: planning::PlanningBytes,
     /// Bytes of the decoder's layers that grow with the motion: a bit for each ReLU.
     pub gate_bytes: usize,
@@ -68,7 +86,7 @@ pub struct Plan {
     pub evaluations: u32,
     /// Decoder gradients at most.
     pub gradients: u32,
-    /// Multiply-accumulates of planning at most: text read, all steps with all their passes.
+    /// Multiply-accumulates of planning at most: text read, all steps with all their passes; the motions of all spans.
     pub planning_macs: u64,
     /// Multiply-accumulates of the final decoding.
     pub decoding_macs: u64,
@@ -106,7 +124,15 @@ impl Plan {
         }
         let behind = arena.used().saturating_add(if solver_bytes > edit_bytes { solver_bytes } else { edit_bytes });
         let most = if planning.all() > behind { planning.all() } else { behind };
-        let arena_bytes = token_bytes.saturating_add(most);
+        let mut arena_bytes = token_bytes.saturating_add(most);
+        let mut timeline_bytes = 0;
+        if let (true, Some(timeline)) = (cfg!(feature = "timeline"), &limits.timeline) {
+            timeline_bytes = Arena::measure(|arena| timeline::directions(limits, arena));
+            let span = Plan::for_request(model, &timeline.of_span(limits.rows))?;
+            let of_span = token_bytes.saturating_add(span.arena_bytes);
+            arena_bytes = timeline_bytes.saturating_add(if of_span > arena_bytes { of_span } else { arena_bytes });
+            planning_macs += timeline.spans as u64 * span.macs;
+        }
         if arena_bytes == usize::MAX {
             return Err(PlanError::TooLarge);
         }
@@ -116,6 +142,7 @@ impl Plan {
         let plan = Plan {
             arena_bytes,
             token_bytes,
+            timeline_bytes,
             planning,
             gate_bytes: decoding.gates,
             decoder_bytes: decoding.decoder,
@@ -347,6 +374,9 @@ impl Limits {
         }
         if self.tracked > 0 && !cfg!(feature = "tracks") {
             return Err(PlanError::NotLinked { feature: "tracks" });
+        }
+        if self.timeline.is_some() && !cfg!(feature = "timeline") {
+            return Err(PlanError::NotLinked { feature: "timeline" });
         }
         if self.tracked > JOINTS {
             return Err(PlanError::Tracked { found: self.tracked, limit: JOINTS });

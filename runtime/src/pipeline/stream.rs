@@ -309,6 +309,7 @@ impl MotionStream<'_, '_> {
             _ if !request.anchors.is_empty() || !request.tracks.is_empty() || !request.obstacles.is_empty() => {
                 return Err(StreamError::NotInParts);
             }
+            _ if !request.timeline.is_empty() => return Err(StreamError::NotInParts),
             Source::Embeddings(_) => return Err(StreamError::NotInParts),
             Source::Tokens(tokens) => {
                 self.push(tokens)?;

@@ -4,6 +4,7 @@
 
 pub mod humanml3d;
 pub mod limbs;
+pub mod posture;
 pub mod rigid;
 pub mod skeleton;
 

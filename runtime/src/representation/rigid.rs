@@ -164,7 +164,7 @@ impl Posing<'_> {
 
 /// Three perpendicular directions: the first along `across`, the second as near to `up` as it can then be.
 #[inline(never)]
-fn axes(across: Vector, up: Vector) -> [Vector; 3] {
+pub fn axes(across: Vector, up: Vector) -> [Vector; 3] {
     let x = unit(across, [1.0, 0.0, 0.0]);
     let y = unit(subtract(up, scale(x, dot(x, up))), perpendicular(x));
     [x, y, cross(x, y)]
@@ -172,7 +172,7 @@ fn axes(across: Vector, up: Vector) -> [Vector; 3] {
 
 /// `bone` by the turn from the axes of rest to those of now.
 #[inline(never)]
-fn turned(rest: &[Vector; 3], now: &[Vector; 3], bone: Vector) -> Vector {
+pub fn turned(rest: &[Vector; 3], now: &[Vector; 3], bone: Vector) -> Vector {
     rest.iter().zip(now).fold([0.0; 3], |sum, (from, to)| add(sum, scale(*to, dot(*from, bone))))
 }
 
@@ -191,13 +191,13 @@ fn eased(limb: &Limb, target: Vector) -> Vector {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::numerics::rotation::Rotation;
     use crate::representation::skeleton::PARENTS;
 
     /// A body with hips that slope and shoulders that are wide.
-    fn body() -> Body {
+    pub fn body() -> Body {
         let mut offsets = [[0.0; 3]; JOINTS];
         for (joint, offset) in [
             (1, [0.09, -0.05, 0.0]),
@@ -224,7 +224,7 @@ mod tests {
     }
 
     /// A pose of that body: every joint turned by its own rotation.
-    fn pose(body: &Body, seed: u32) -> Pose {
+    pub fn pose(body: &Body, seed: u32) -> Pose {
         let mut stream = crate::numerics::hash::Stream::new(u64::from(seed));
         let mut next = move || stream.below(2001) as f32 / 1000.0 - 1.0;
         let mut turns = [Rotation::IDENTITY; JOINTS];

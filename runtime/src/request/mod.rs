@@ -5,12 +5,14 @@
 pub mod conditions;
 pub mod joint;
 pub mod prompt;
+pub mod timeline;
 
 use crate::JOINTS;
 use crate::generation::tokens::{Fixed, Length, Planning, Sampling, Schedule};
 use crate::refining::Config;
 use conditions::{AnchorList, AsAnchors, Obstacle, Track};
 use prompt::Prompt;
+use timeline::Span;
 
 /// Where the motion comes from.
 #[derive(Debug, Clone, Copy)]
@@ -49,6 +51,9 @@ pub struct Request<'r> {
     pub tracks: &'r [Track<'r>],
     /// What the figure keeps clear of, by the edit behind the decoder.
     pub obstacles: &'r [Obstacle<'r>],
+    /// What parts of the body do instead, over spans of the motion, each with a prompt of its own. Planned as [`Request::planning`] says, with
+    /// other seeds and the lengths of the spans; anchors, tracks and obstacles are met by what comes of all of it.
+    pub timeline: &'r [Span<'r>],
     /// How it is bent there, and whether feet stay where they stand; `None` leaves the motion as it was decoded.
     pub refinement: Option<Config>,
     /// How tokens are planned; of no account for tokens and embeddings.
@@ -66,6 +71,7 @@ impl<'r> Request<'r> {
             anchors: AnchorList::Frames(&[]),
             tracks: &[],
             obstacles: &[],
+            timeline: &[],
             refinement: Some(Config::DEFAULT),
             planning: Planning::DEFAULT,
             bones: Bones::Model,
@@ -80,6 +86,7 @@ impl<'r> Request<'r> {
             anchors: AnchorList::Frames(&[]),
             tracks: &[],
             obstacles: &[],
+            timeline: &[],
             refinement: Some(Config::DEFAULT),
             planning: Planning::DEFAULT,
             bones: Bones::Model,
@@ -106,6 +113,7 @@ impl<'r> Request<'r> {
             anchors: AnchorList::Frames(&[]),
             tracks: &[],
             obstacles: &[],
+            timeline: &[],
             refinement: Some(Config::DEFAULT),
             planning: Planning::DEFAULT,
             bones: Bones::Model,
@@ -195,6 +203,12 @@ impl<'r> Request<'r> {
     #[must_use]
     pub const fn obstacles(self, obstacles: &'r [Obstacle<'r>]) -> Self {
         Request { obstacles, ..self }
+    }
+
+    /// The same with these spans.
+    #[must_use]
+    pub const fn timeline(self, timeline: &'r [Span<'r>]) -> Self {
+        Request { timeline, ..self }
     }
 
     /// The same with another body.

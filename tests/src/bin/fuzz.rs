@@ -63,7 +63,7 @@ fn main() -> ExitCode {
     match fuzz::run(seed, first, cases, threads, progress) {
         Ok(tally) => {
             println!(
-                "{} cases in {:.1} s on {threads} threads: blobs {} refused, {} opened; requests {} refused, {} gave a motion, {} of anchors inside the planner, {} with tracks or obstacles; {} streams; files {} refused, {} read",
+                "{} cases in {:.1} s on {threads} threads: blobs {} refused, {} opened; requests {} refused, {} gave a motion, {} of anchors inside the planner, {} with tracks or obstacles, {} with a timeline; {} streams; files {} refused, {} read",
                 tally.cases,
                 start.elapsed().as_secs_f64(),
                 tally.blobs_refused,
@@ -72,6 +72,7 @@ fn main() -> ExitCode {
                 tally.motions,
                 tally.conditioned,
                 tally.led,
+                tally.parted,
                 tally.streams,
                 tally.files_refused,
                 tally.files_read

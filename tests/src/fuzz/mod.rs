@@ -162,6 +162,8 @@ pub struct Tally {
     pub conditioned: u64,
     /// Motions with tracks or obstacles.
     pub led: u64,
+    /// Motions with a timeline.
+    pub parted: u64,
     /// Streams whose motion was compared with the whole.
     pub streams: u64,
     /// Files that were refused.
@@ -179,6 +181,7 @@ impl AddAssign for Tally {
         self.motions += other.motions;
         self.conditioned += other.conditioned;
         self.led += other.led;
+        self.parted += other.parted;
         self.streams += other.streams;
         self.files_refused += other.files_refused;
         self.files_read += other.files_read;

@@ -1,13 +1,13 @@
-//! Hostile requests on a good model: lengths, tokens, anchors, tracks, obstacles, solver settings, arenas that are too small, observers that
+//! Hostile requests on a good model: lengths, tokens, anchors, tracks, obstacles, timelines, solver settings, arenas that are too small, observers that
 //! stop the work anywhere.
 
 use motionette::codec::codebook::Codebooks;
 use motionette::numerics::hash::Stream;
 use motionette::refining::{Activity, Basis, Config, Method, PerFamily};
 use motionette::{
-    ALL_JOINTS, Anchor, AnchorList, Bones, Course, Error, Fixed, Generator, JOINTS, Keyframe, Length, Limits, Model,
-    Observer, Obstacle, Plan, Planning, Progress, Prompt, ROWS, Request, Sampling, Schedule, Shape, Source, Stop,
-    Target, Track,
+    ALL_JOINTS, Anchor, AnchorList, BodyParts, Bones, Course, Error, Fixed, Generator, JOINTS, Keyframe, LEAST_SPAN,
+    Length, Limits, Model, Observer, Obstacle, Plan, Planning, Progress, Prompt, ROWS, Request, Sampling, Schedule,
+    Shape, Source, Span, Stop, Target, Track,
 };
 use std::ops::ControlFlow;
 
@@ -35,8 +35,15 @@ impl Observer for Stopper {
 
 /// Arena bytes of the least request there is.
 pub(super) fn least(model: &Model<'_>) -> usize {
-    let limits =
-        Limits { tokens: 1, anchors: 0, tracked: 0, refinement: Config::default(), planning: None, rows: ROWS };
+    let limits = Limits {
+        tokens: 1,
+        anchors: 0,
+        tracked: 0,
+        timeline: None,
+        refinement: Config::default(),
+        planning: None,
+        rows: ROWS,
+    };
     Plan::for_request(model, &limits).expect("the limits are legal").arena_bytes
 }
 
@@ -103,7 +110,18 @@ pub fn case(entry: &Entry<'_>, random: &mut Stream, memory: &mut Memory, tally: 
         other => other,
     };
     let anchors = AnchorList::Frames(&anchors);
-    let request = Request { source, anchors, tracks: &tracks, obstacles: &obstacles, refinement, planning, bones };
+    let said: Vec<String> = (0..rows(random)).map(|_| prompt(random)).collect();
+    let timeline: Vec<Span<'_>> = said.iter().map(|said| span(random, said, &vector, model, frames)).collect();
+    let request = Request {
+        source,
+        anchors,
+        tracks: &tracks,
+        obstacles: &obstacles,
+        timeline: &timeline,
+        refinement,
+        planning,
+        bones,
+    };
 
     // Anything from the least request's need on, exactly what this one needs, a byte less, or plenty from an odd address.
     let rows = random.below(30) as usize;
@@ -149,6 +167,26 @@ pub(super) fn skeleton(model: &Model<'_>, random: &mut Stream) -> [[f32; 3]; JOI
     skeleton
 }
 
+/// A span of a timeline, mostly one that there may be.
+fn span<'r>(random: &mut Stream, said: &'r str, vector: &'r [f32], model: &Model<'_>, frames: usize) -> Span<'r> {
+    let parts = BodyParts::from_bits(1 << random.below(5)).filter(|_| random.below(6) > 0);
+    let parts = parts.or(BodyParts::from_bits(random.below(64) as u8)).unwrap_or(BodyParts::RIGHT_ARM);
+    let room = (frames as u32).saturating_sub(u32::from(LEAST_SPAN));
+    let (first, count) = match random.below(8) {
+        0 => (random.below(1 << 16), random.below(1 << 16)),
+        _ => {
+            let first = random.below(room + 1);
+            (first, u32::from(LEAST_SPAN) + random.below(room - first + 1))
+        }
+    };
+    let prompt = match model.vector_width() {
+        Some(_) => Prompt::Vector(vector),
+        None if model.text().is_some_and(|text| text.encoder().is_some()) => Prompt::Text(said),
+        None => Prompt::Bank("wave"),
+    };
+    Span { parts, first: first as u16, frames: count as u16, prompt }
+}
+
 /// Runs a request and checks what comes back.
 ///
 /// # Errors
@@ -171,6 +209,7 @@ pub fn serve(
                 return Err(format!("{unseen} of {} anchors were not seen", request.anchors.len()));
             }
             tally.led += u64::from(!request.tracks.is_empty() || !request.obstacles.is_empty());
+            tally.parted += u64::from(!request.timeline.is_empty());
             tally.conditioned += u64::from(unseen == 0 && !request.anchors.is_empty());
             let plan = plan.map_err(|e| format!("a motion came out of a request that cannot be planned: {e}"))?;
             if motion.arena_used != plan.arena_bytes {

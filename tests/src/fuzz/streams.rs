@@ -128,6 +128,7 @@ fn operation(
                 source,
                 tracks: &[],
                 obstacles: &[],
+                timeline: &[],
                 anchors: AnchorList::Frames(anchors),
                 refinement: None,
                 planning,

@@ -67,7 +67,7 @@ pub fn serve(
     let refinement = black_box(Config::default());
     let planning =
         black_box(Some(PlanningLimits { words: text.len(), steps: 5, guided: true, anchors: true, clauses: 1 }));
-    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), tracked: 0, refinement, planning, rows: ROWS };
+    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), tracked: 0, timeline: None, refinement, planning, rows: ROWS };
     let _ = black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
     black_box(generator.self_test().map_err(Refused::Request)?);
@@ -117,6 +117,7 @@ pub fn serve(
             anchors: list,
             tracks: &[],
             obstacles: &[],
+            timeline: &[],
             refinement: black_box(Some(Config::DEFAULT)),
             planning,
             bones: Bones::Model,

@@ -1,0 +1,189 @@
+//! The timeline of a request: each span is planned and decoded as a motion of its own, of which is kept how it holds the span's parts; the
+//! request's motion then holds them so.
+//!
+//! Spans come before the motion itself and leave behind nothing but directions of bones, so that there is one motion in memory at a time.
+
+use super::buffers::{self, Decoding};
+use super::error::Error;
+use super::observer::{Observer, Stage, Watch};
+use super::plan_tokens::{Planned, PlanningTask};
+use super::{bones, decode, plan_prompt, sequence};
+use crate::JOINTS;
+use crate::generation::tokens::{Length, Planning, PlanningError, PlanningLimits, SEED_STEP};
+use crate::memory::{Arena, ArenaTooSmall};
+use crate::model::Model;
+use crate::pipeline::plan::{Limits, TimelineLimits};
+use crate::refining::Config;
+use crate::representation::{Pose, posture};
+use crate::request::prompt::PromptStats;
+use crate::request::timeline::{self, MAX_SPANS, Span, TimelineError};
+use crate::request::{Bones, Request};
+
+/// Of a span that begins or ends within the motion, so many frames lead over; a quarter of a short span.
+const LEAD: u16 = 10;
+
+/// What was understood of each span's prompt.
+pub(super) type Heard = [PromptStats; if cfg!(feature = "timeline") { MAX_SPANS } else { 0 }];
+
+/// Checks the spans of a request whose motion has at most `tokens` tokens.
+#[inline(never)]
+pub(super) fn check(model: &Model<'_>, request: &Request<'_>, tokens: usize) -> Result<Option<TimelineLimits>, Error> {
+    if request.timeline.is_empty() {
+        return Ok(None);
+    }
+    if !cfg!(feature = "timeline") {
+        return Err(Error::NotLinked { feature: "timeline" });
+    }
+    timeline::check(request.timeline, tokens * model.frames_per_token()).map_err(Error::Timeline)?;
+    let modules = model.planning().ok_or(PlanningError::NoPlanner)?;
+    let plan = &request.planning;
+    let (steps, guided) = (plan.steps, plan.guided());
+    let planning = PlanningLimits { words: 0, steps, guided, anchors: false, clauses: 1 };
+    let mut limits = TimelineLimits { spans: request.timeline.len(), directions: 0, tokens: 0, planning };
+    for (index, span) in request.timeline.iter().enumerate() {
+        let own = planned(request, index, span);
+        let words = modules.text.rows(&span.prompt);
+        let words = words.map_err(|error| Error::Timeline(TimelineError::Prompt { index, error }))?;
+        let tokens = own.check(model.max_tokens(), modules.planner.codes(), model.frames_per_token())?;
+        let clauses = sequence::clauses(modules.text, &span.prompt, &own).map_or(1, |clauses| clauses.len());
+        limits.directions += directions_of(span);
+        limits.tokens = limits.tokens.max(tokens);
+        limits.planning.words = limits.planning.words.max(words);
+        limits.planning.clauses = limits.planning.clauses.max(clauses);
+    }
+    Ok(Some(limits))
+}
+
+/// How a span is planned.
+fn planned<'r>(request: &Request<'r>, index: usize, span: &Span<'_>) -> Planning<'r> {
+    Planning {
+        length: Length::Frames(span.frames),
+        seed: request.planning.seed.wrapping_add((index as u64 + 1).wrapping_mul(SEED_STEP)),
+        fixed: &[],
+        start_open: false,
+        end_open: false,
+        conditioned: false,
+        ..request.planning
+    }
+}
+
+impl TimelineLimits {
+    /// Of the motion of a span.
+    pub(super) fn of_span(&self, rows: usize) -> Limits {
+        let (tokens, planning) = (self.tokens, Some(self.planning));
+        Limits { tokens, anchors: 0, tracked: 0, timeline: None, refinement: Config::NONE, planning, rows }
+    }
+}
+
+/// Where directions of all spans lie, three numbers each.
+pub(super) fn directions<'a>(limits: &Limits, arena: &mut Arena<'a>) -> Result<&'a mut [i16], ArenaTooSmall> {
+    arena.take(limits.timeline.map_or(0, |timeline| 3 * timeline.directions))
+}
+
+/// Makes the motion of each span and keeps how it holds the span's parts, in `directions`; the bytes used at most come back.
+#[inline(never)]
+pub(super) fn read(
+    model: &Model<'_>,
+    (request, limits): (&Request<'_>, &Limits),
+    directions: &mut [i16],
+    heard: &mut Heard,
+    arena: &mut Arena<'_>,
+    observer: &mut dyn Observer,
+) -> Result<usize, Error> {
+    let mut used = arena.used();
+    let Some(timeline) = &limits.timeline else { return Ok(used) };
+    let mut rest = directions;
+    for (index, span) in request.timeline.iter().enumerate() {
+        let (own, others) = rest.split_at_mut_checked(3 * directions_of(span)).unwrap_or_default();
+        rest = others;
+        let mut overlay = arena.overlay();
+        let said =
+            read_span(model, (request, &timeline.of_span(limits.rows)), (index, span), own, &mut overlay, observer)?;
+        used = used.max(said.1);
+        if let Some(heard) = heard.get_mut(index) {
+            *heard = said.0;
+        }
+    }
+    Ok(used)
+}
+
+/// Directions that are kept of a span.
+fn directions_of(span: &Span<'_>) -> usize {
+    usize::from(span.frames) * posture::count(span.parts)
+}
+
+fn read_span(
+    model: &Model<'_>,
+    (request, limits): (&Request<'_>, &Limits),
+    (index, span): (usize, &Span<'_>),
+    directions: &mut [i16],
+    arena: &mut Arena<'_>,
+    observer: &mut dyn Observer,
+) -> Result<(PromptStats, usize), Error> {
+    let (Some(modules), Some(planning)) = (model.planning(), &limits.planning) else {
+        return Err(Error::Planning(PlanningError::NoPlanner));
+    };
+    let own = planned(request, index, span);
+    let tokens = buffers::tokens(model, limits, arena).map_err(Error::Arena)?;
+    let each = model.frames_per_token();
+    let window = usize::from(span.frames).div_ceil(each.max(1));
+    let tokens = part_mut!(tokens, ..window * model.codebooks().quantizers());
+    let task = PlanningTask {
+        limits: planning,
+        rows: limits.rows,
+        prompt: &span.prompt,
+        planning: &own,
+        shortest: 1,
+        capacity: limits.tokens,
+        context: 0,
+        clause: (0, 1),
+        anchors: None,
+    };
+    let (Planned { tokens: made, heard, .. }, planned) = plan_prompt(modules, task, arena, tokens, observer)?;
+    let mut decoding = Decoding::take(model, limits, arena).map_err(Error::Arena)?;
+    let u = part_mut!(decoding.u, ..made * model.decoder().code_width());
+    model.codebooks().embed(part!(tokens, ..made * model.codebooks().quantizers()), u)?;
+    let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
+    let buffers = (&*u, &mut *decoding.features, &mut decoding.path, &mut decoding.work);
+    let joints = decode(model, made * each, buffers, &mut watch)?;
+    bones::pose(model, Bones::Model, joints);
+    let each = 3 * posture::count(span.parts);
+    for (pose, out) in poses(joints).iter().zip(directions.chunks_exact_mut(each.max(1))) {
+        posture::write(pose, span.parts, out);
+    }
+    Ok((heard, if planned > arena.used() { planned } else { arena.used() }))
+}
+
+fn poses(joints: &mut [f32]) -> &mut [Pose] {
+    let (points, _) = joints.as_chunks_mut::<3>();
+    points.as_chunks_mut::<JOINTS>().0
+}
+
+/// Has the parts of a motion, `[T][22][3]` metres, do what the spans do.
+#[inline(never)]
+pub(super) fn hold(spans: &[Span<'_>], directions: &[i16], joints: &mut [f32]) {
+    let poses = poses(joints);
+    let last = poses.len();
+    let mut rest = directions;
+    for span in spans {
+        let (own, others) = rest.split_at_checked(3 * directions_of(span)).unwrap_or_default();
+        rest = others;
+        let each = 3 * posture::count(span.parts);
+        let of_span = poses.iter_mut().skip(usize::from(span.first)).zip(own.chunks_exact(each.max(1)));
+        for (frame, (pose, directions)) in (0..).zip(of_span) {
+            posture::hold(pose, span.parts, directions, share(span, frame, last));
+        }
+    }
+}
+
+/// How far a span counts at one of its frames, in a motion of so many: it comes and goes smoothly, but for its ends at those of the motion.
+fn share(span: &Span<'_>, frame: u16, frames: usize) -> f32 {
+    let quarter = span.frames / 4;
+    let lead = f32::from(if quarter < LEAD { quarter } else { LEAD });
+    let along = |frames: u16, open: bool| {
+        let way = (f32::from(frames) + 1.0) / (lead + 1.0);
+        if open && way < 1.0 { way * way * (3.0 - 2.0 * way) } else { 1.0 }
+    };
+    let behind = span.frames.saturating_sub(frame + 1);
+    along(frame, span.first > 0) * along(behind, span.end() < frames)
+}
