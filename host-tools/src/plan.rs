@@ -185,10 +185,14 @@ pub fn plan(
         let words = if model.vector_width().is_some() { 0 } else { limits.words.clamp(1, most) };
         planning::PlanningLimits { words, anchors, ..limits }
     });
-    let directions = DIRECTIONS * tokens * model.frames_per_token();
-    let of_spans = planning.map(|limits| planning::PlanningLimits { anchors: false, ..limits });
-    let timeline = of_spans.filter(|_| spans > 0);
-    let timeline = timeline.map(|planning| TimelineLimits { spans, directions, tokens, planning });
+    let timeline = planning.filter(|_| spans > 0).map(|limits| TimelineLimits {
+        directions: (DIRECTIONS * tokens * model.frames_per_token()) as u32,
+        tokens: tokens as u16,
+        words: limits.words as u16,
+        steps: limits.steps,
+        spans: spans as u8,
+        guided: limits.guided,
+    });
     let plan = Plan::for_request(&model, &Limits { tokens, anchors, tracked, timeline, refinement, planning, rows })?;
     let share = |name: &str, amount: usize| Share { name: name.to_owned(), amount: amount as u64 };
     let mut arena = vec![

@@ -69,9 +69,9 @@
 //! `tmd` (its planner), `anchor-control` (of the planner), `text` (the encoder; without it a planner takes prompts stored in the blob),
 //! `masked`, `residual` and `autoregressive` (planners that are given a vector: MoMask's, T2M-GPT's), `wide-layers` (weights of 16 bits),
 //! `editing` (anchors met exactly, planted feet), `refining` (and motions bent onto anchors), `tracks` (joints led at every frame), `obstacles` (and
-//! bodies to keep clear of), `playback` (servos); `all` of them. On a Cortex-M4F
-//! what the default model needs is 226 KiB of code, without playback 197, without text as well 183, `vq` and `refining` alone 135, `playback` alone
-//! 35; `masked` adds 5 KiB, `residual` 6 more, `autoregressive` 5, `wide-layers` 8, `tracks` 18, `obstacles` 9 more. A blob that needs a family which
+//! bodies to keep clear of), `timeline` (prompts for parts of the body), `playback` (servos); `all` of them. On a Cortex-M4F
+//! what the default model needs is 227 KiB of code, without playback 198, without text as well 183, `vq` and `refining` alone 135, `playback` alone
+//! 35; `masked` adds 5 KiB, `residual` 6 more, `autoregressive` 5, `wide-layers` 8, `tracks` 18, `obstacles` 9 more, `timeline` 7. A blob that needs a family which
 //! is not linked is refused by [`Model::open`] with that family's name, a request by
 //! [`Error::NotLinked`]. The interface is the same whatever is linked, but for [`playback`].
 //!

@@ -4,6 +4,7 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::Command,
+    thread,
 };
 
 use anyhow::{Context, Result, bail};
@@ -43,14 +44,15 @@ struct FeatureSet {
 
 /// Motions from text through anchors, without servos: what the check image links where nothing else is said.
 const GENERATOR: &str = "generate,families";
-const FEATURE_SETS: [FeatureSet; 9] = [
-    FeatureSet { name: "all", features: "generate,families,playback", budget: 227 * 1024 },
-    FeatureSet { name: "no playback", features: GENERATOR, budget: 197 * 1024 },
+const FEATURE_SETS: [FeatureSet; 10] = [
+    FeatureSet { name: "all", features: "generate,families,playback", budget: 228 * 1024 },
+    FeatureSet { name: "no playback", features: GENERATOR, budget: 198 * 1024 },
     FeatureSet {
         name: "no playback, tracks and obstacles",
         features: "generate,families,obstacles",
         budget: 225 * 1024,
     },
+    FeatureSet { name: "no playback, timelines", features: "generate,families,timeline", budget: 205 * 1024 },
     FeatureSet {
         name: "no playback, tokens not bent",
         features: "generate,motionette/tmd,motionette/text,motionette/anchor-control,motionette/editing",
@@ -97,7 +99,16 @@ pub fn build(toolchain: Toolchain, core: &Core, image: &str, blob: Option<&Path>
         cargo.env("MOTIONETTE_BLOB", std::path::absolute(blob)?);
     }
     shell::run(&mut cargo)?;
-    keep(toolchain, core, image, image)
+    keep(toolchain, core, (&package().join("target").join(toolchain.name()), image), image)
+}
+
+/// Builds the check image with the features of `set`, in a folder of its own so that another build may run beside it, and returns the copy.
+fn link(toolchain: Toolchain, set: &FeatureSet) -> Result<PathBuf> {
+    let folder = Path::new("target").join(format!("{}-sets", toolchain.name()));
+    let mut cargo = image_cargo(toolchain, "build", &M4, "check", set.features);
+    // The last target folder that is named counts.
+    shell::run(cargo.arg("--target-dir").arg(&folder))?;
+    keep(toolchain, &M4, (&package().join(folder), "check"), &set.name.replace([',', ' '], "-"))
 }
 
 /// Features that an image needs beside the core's own.
@@ -109,10 +120,9 @@ pub fn features(image: &str) -> &str {
     }
 }
 
-/// Copies the `image` that was built last to where builds for other cores, or with other features, leave it alone.
-fn keep(toolchain: Toolchain, core: &Core, image: &str, name: &str) -> Result<PathBuf> {
-    let folder = package().join("target").join(toolchain.name());
-    let images = folder.join("images").join(core.name);
+/// Copies the `image` that was built last in `folder` to where builds for other cores, or with other features, leave it alone.
+fn keep(toolchain: Toolchain, core: &Core, (folder, image): (&Path, &str), name: &str) -> Result<PathBuf> {
+    let images = package().join("target").join(toolchain.name()).join("images").join(core.name);
     fs::create_dir_all(&images).with_context(|| format!("cannot make {}", images.display()))?;
     let copy = images.join(name);
     let built = folder.join(core.target).join("release").join(image);
@@ -169,12 +179,8 @@ fn build_runtime(toolchain: Toolchain, target: &str) -> Result<()> {
     shell::run(&mut cargo)
 }
 
-/// Builds the images for all cores, prints where they are, and compiles the runtime for cores without floating-point unit.
-///
-/// # Errors
-/// When no compiler for the targets can be had, a build fails, or a panic is reachable in the runtime.
-pub fn build_all() -> Result<()> {
-    let toolchain = Toolchain::ensure()?;
+/// Builds the images for all cores and the Pico 2, none of which may reach a panic.
+fn build_images(toolchain: Toolchain) -> Result<()> {
     refuse_a_planted_panic(toolchain, &M4)?;
     for core in &CORES {
         refuse_panics(toolchain, core)?;
@@ -183,17 +189,31 @@ pub fn build_all() -> Result<()> {
             println!("{}: {}", core.title, relative(&image?));
         }
     }
-    shell::run(&mut pico2_cargo(toolchain, "build"))?;
-    let image = pico2().join("target").join(toolchain.name()).join(THUMB_V8).join("release/pico2");
-    println!("Raspberry Pi Pico 2: {}", relative(&image));
+    shell::run(&mut pico2_cargo(toolchain, "build"))
+}
+
+/// Builds the images for all cores, prints where they are, and compiles the runtime for cores without floating-point unit.
+///
+/// # Errors
+/// When no compiler for the targets can be had, a build fails, or a panic is reachable in the runtime.
+pub fn build_all() -> Result<()> {
+    let toolchain = Toolchain::ensure()?;
+    // Linking is the work of one processor, so two of them link side by side.
+    let (sets, images) = thread::scope(|scope| {
+        let sets = scope.spawn(|| FEATURE_SETS.iter().map(|set| link(toolchain, set)).collect::<Result<Vec<_>>>());
+        let images = build_images(toolchain);
+        (sets.join(), images)
+    });
+    images?;
+    let Ok(sets) = sets else { bail!("linking the sets of features broke off") };
     let mut size = shell::cargo();
     size.args(["run", "--quiet", "--release", "--package", "motionette-twin", "--bin", "motionette-board", "--"]);
+    let image = pico2().join("target").join(toolchain.name()).join(THUMB_V8).join("release/pico2");
     size.arg(&image).arg("models/nano.blob").args(["--slot", PICO2_BLOB]);
-    for set in &FEATURE_SETS {
-        shell::run(&mut image_cargo(toolchain, "build", &M4, "check", set.features))?;
-        let linked = keep(toolchain, &M4, "check", &set.name.replace([',', ' '], "-"))?;
+    for (set, linked) in FEATURE_SETS.iter().zip(sets?) {
         size.arg("--code").arg(format!("{}={}={}", set.name, set.budget, linked.display()));
     }
+    println!("Raspberry Pi Pico 2: {}", relative(&image));
     shell::run(size.current_dir(shell::root()))?;
     for (core, target) in [("Cortex-M0, M0+", THUMB_V6), ("RISC-V without FPU", RISCV)] {
         build_runtime(toolchain, target)?;

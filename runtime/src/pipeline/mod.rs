@@ -55,6 +55,7 @@ pub struct Motion<'a> {
     heard: PromptStats,
     then: Then,
     parted: bool,
+    #[cfg(feature = "timeline")]
     spans: timeline::Heard,
     unconditioned: u16,
     frame_rate: u16,
@@ -123,7 +124,10 @@ impl<'a> Motion<'a> {
     /// What was understood of the prompts of the timeline's spans, in the request's order; behind the last of them nothing.
     #[must_use]
     pub const fn spans(&self) -> &[PromptStats] {
-        &self.spans
+        #[cfg(feature = "timeline")]
+        return &self.spans;
+        #[cfg(not(feature = "timeline"))]
+        &[]
     }
 
     /// Distinct anchors of the request that the planner did not see: those of families it was not trained for, or all of them,
@@ -314,12 +318,11 @@ impl<'a> Generator<'a> {
         }
         let quantizers = model.codebooks().quantizers();
         let tokens = buffers::tokens(model, &limits, &mut arena).map_err(too_small)?;
-        let directions = timeline::directions(&limits, &mut arena).map_err(too_small)?;
-        let mut spans = timeline::Heard::default();
         let mut peak = 0;
-        if cfg!(feature = "timeline") {
-            peak = timeline::read(model, (request, &limits), directions, &mut spans, &mut arena, observer)?;
-        }
+        #[cfg(feature = "timeline")]
+        let directions = timeline::directions(&limits, &mut arena).map_err(too_small)?;
+        #[cfg(feature = "timeline")]
+        let spans = timeline::read(model, (request, &limits), directions, (&mut arena, &mut peak), observer)?;
         let mut unconditioned = if linked(request.tracks).is_empty() { anchors.len() } else { limits.anchors } as u16;
         let heard = PromptStats::default();
         let mut made = Planned { tokens: limits.tokens, heard, then: Then::default(), parted: false };
@@ -327,8 +330,9 @@ impl<'a> Generator<'a> {
             (request.source, &limits.planning, model.planning())
         {
             let ends = linked(request.tracks).iter().filter_map(Track::last);
-            let spans = request.timeline.iter().filter(|_| cfg!(feature = "timeline")).map(|span| span.end() - 1);
-            let last = ends.chain(spans).chain(anchors.last_frame().map(usize::from)).max();
+            let last = ends.chain(anchors.last_frame().map(usize::from)).max();
+            #[cfg(feature = "timeline")]
+            let last = last.max(request.timeline.iter().map(|span| span.end() - 1).max());
             let shortest = last.map_or(1, |frame| frame / model.frames_per_token().max(1) + 1);
             let task = PlanningTask {
                 limits: planning,
@@ -341,8 +345,17 @@ impl<'a> Generator<'a> {
                 clause: (0, 1),
                 anchors: Some(&anchors).filter(|_| planning.anchors),
             };
+            let mut overlay = arena.overlay();
             let used;
-            (made, used) = plan_prompt(modules, task, &mut arena, tokens, observer)?;
+            (made, used) = match sequence::clauses(modules.text, &prompt, &request.planning) {
+                Some(clauses) if !is_one_action(modules, &task, &clauses, &mut overlay.overlay(), observer)? => {
+                    plan_clauses(modules, task, &clauses, &mut overlay, tokens, observer)?
+                }
+                _ => {
+                    let made = plan_tokens(modules, task, &mut overlay, tokens, observer)?;
+                    (made, overlay.used())
+                }
+            };
             peak = if peak > used { peak } else { used };
             if let (true, Some(control)) = (planning.anchors && !made.parted, model.control()) {
                 unconditioned = anchors.iter().filter(|anchor| !control.sees(anchor.family)).count() as u16;
@@ -398,9 +411,8 @@ impl<'a> Generator<'a> {
         let mut watch = Watch { observer, stage: Stage::Decoding, evaluation: 1, evaluations: 1 };
         let joints = decode(model, frames, (u, features, &mut path, &mut work), &mut watch)?;
         bones::pose(model, request.bones, joints);
-        if cfg!(feature = "timeline") {
-            timeline::hold(request.timeline, directions, joints);
-        }
+        #[cfg(feature = "timeline")]
+        timeline::hold(request.timeline, directions, joints);
         if scale != 1.0 {
             anchors.fill(request.anchors, model.frame_rate(), limits.tokens * model.frames_per_token())?;
         }
@@ -421,7 +433,21 @@ impl<'a> Generator<'a> {
         log::debug!("decoded {} frames in {} arena bytes", frames, arena_used);
         let Planned { heard, then, parted, .. } = made;
         let frame_rate = model.frame_rate();
-        Ok(Motion { joints, u, tokens, heard, then, parted, spans, unconditioned, frame_rate, refinement, arena_used })
+        Ok(Motion {
+            joints,
+            u,
+            tokens,
+            heard,
+            then,
+            parted,
+            // Even an array of none would have the whole copied more often.
+            #[cfg(feature = "timeline")]
+            spans,
+            unconditioned,
+            frame_rate,
+            refinement,
+            arena_used,
+        })
     }
 
     /// Runs the blob's self-test: decodes its token sequence, as a stream so that it needs less memory than a motion of that length, and
@@ -469,28 +495,8 @@ impl<'a> Generator<'a> {
     }
 }
 
-/// Plans what a prompt asks for into `tokens`, clause by clause where it has several; with the bytes that were used at most.
-#[inline(never)]
-fn plan_prompt(
-    modules: Modules<'_, '_>,
-    task: PlanningTask<'_>,
-    arena: &mut Arena<'_>,
-    tokens: &mut [u16],
-    observer: &mut dyn Observer,
-) -> Result<(Planned, usize), Error> {
-    let mut overlay = arena.overlay();
-    match sequence::clauses(modules.text, task.prompt, task.planning) {
-        Some(clauses) if !is_one_action(modules, &task, &clauses, &mut overlay.overlay(), observer)? => {
-            plan_clauses(modules, task, &clauses, &mut overlay, tokens, observer)
-        }
-        _ => {
-            let made = plan_tokens(modules, task, &mut overlay, tokens, observer)?;
-            Ok((made, overlay.used()))
-        }
-    }
-}
-
 /// Decodes embeddings, the first of the buffers, to the joints of so many frames, `[T][22][3]` metres, in the place of the features.
+#[inline]
 fn decode<'f>(
     model: &Model<'_>,
     frames: usize,

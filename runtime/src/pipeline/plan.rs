@@ -40,15 +40,25 @@ pub struct Limits {
 /// The largest timeline that is to be served.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TimelineLimits {
+    /// Directions of bones that its spans keep in all: for each of their frames [`BodyParts::directions`](crate::BodyParts::directions). 17 a
+    /// frame of the motion is enough for whatever is asked for.
+    pub directions: u32,
+    /// Tokens of the longest span.
+    pub tokens: u16,
+    /// Words of the longest prompt of a span, or rows of a stored one.
+    pub words: u16,
+    /// Steps of the sampler.
+    pub steps: u16,
     /// Spans.
-    pub spans: usize,
-    /// Directions of bones that they keep in all: for each of their frames [`BodyParts::directions`]. 17 a frame of the motion is enough for
-    /// whatever is asked for.
-    pub directions: usize,
-    /// Tokens of the longest.
-    pub tokens: usize,
-    /// Planning of the largest.
-    pub planning: planning::PlanningLimits,
+    pub spans: u8,
+    /// Whether guidance is on.
+    pub guided: bool,
+}
+
+impl TimelineLimits {
+    /// No span.
+    pub(crate) const NONE: Self =
+        TimelineLimits { directions: 0, tokens: 0, words: 0, steps: 0, spans: 0, guided: false };
 }
 
 /// [`Limits::rows`] where nobody says otherwise.
@@ -131,7 +141,7 @@ impl Plan {
             let span = Plan::for_request(model, &timeline.of_span(limits.rows))?;
             let of_span = token_bytes.saturating_add(span.arena_bytes);
             arena_bytes = timeline_bytes.saturating_add(if of_span > arena_bytes { of_span } else { arena_bytes });
-            planning_macs += timeline.spans as u64 * span.macs;
+            planning_macs += u64::from(timeline.spans) * span.macs;
         }
         if arena_bytes == usize::MAX {
             return Err(PlanError::TooLarge);

@@ -6,8 +6,8 @@
 use super::buffers::{self, Decoding};
 use super::error::Error;
 use super::observer::{Observer, Stage, Watch};
-use super::plan_tokens::{Planned, PlanningTask};
-use super::{bones, decode, plan_prompt, sequence};
+use super::plan_tokens::{Planned, PlanningTask, plan_tokens};
+use super::{bones, decode};
 use crate::JOINTS;
 use crate::generation::tokens::{Length, Planning, PlanningError, PlanningLimits, SEED_STEP};
 use crate::memory::{Arena, ArenaTooSmall};
@@ -23,7 +23,8 @@ use crate::request::{Bones, Request};
 const LEAD: u16 = 10;
 
 /// What was understood of each span's prompt.
-pub(super) type Heard = [PromptStats; if cfg!(feature = "timeline") { MAX_SPANS } else { 0 }];
+#[cfg(feature = "timeline")]
+pub(super) type Heard = [PromptStats; MAX_SPANS];
 
 /// Checks the spans of a request whose motion has at most `tokens` tokens.
 #[inline(never)]
@@ -37,28 +38,25 @@ pub(super) fn check(model: &Model<'_>, request: &Request<'_>, tokens: usize) -> 
     timeline::check(request.timeline, tokens * model.frames_per_token()).map_err(Error::Timeline)?;
     let modules = model.planning().ok_or(PlanningError::NoPlanner)?;
     let plan = &request.planning;
-    let (steps, guided) = (plan.steps, plan.guided());
-    let planning = PlanningLimits { words: 0, steps, guided, anchors: false, clauses: 1 };
-    let mut limits = TimelineLimits { spans: request.timeline.len(), directions: 0, tokens: 0, planning };
-    for (index, span) in request.timeline.iter().enumerate() {
+    let mut limits = TimelineLimits { steps: plan.steps, guided: plan.guided(), ..TimelineLimits::NONE };
+    for (index, span) in (0u8..).zip(request.timeline) {
         let own = planned(request, index, span);
         let words = modules.text.rows(&span.prompt);
         let words = words.map_err(|error| Error::Timeline(TimelineError::Prompt { index, error }))?;
         let tokens = own.check(model.max_tokens(), modules.planner.codes(), model.frames_per_token())?;
-        let clauses = sequence::clauses(modules.text, &span.prompt, &own).map_or(1, |clauses| clauses.len());
-        limits.directions += directions_of(span);
-        limits.tokens = limits.tokens.max(tokens);
-        limits.planning.words = limits.planning.words.max(words);
-        limits.planning.clauses = limits.planning.clauses.max(clauses);
+        limits.spans += 1;
+        limits.directions += directions_of(span) as u32;
+        limits.tokens = limits.tokens.max(tokens as u16);
+        limits.words = limits.words.max(words as u16);
     }
     Ok(Some(limits))
 }
 
 /// How a span is planned.
-fn planned<'r>(request: &Request<'r>, index: usize, span: &Span<'_>) -> Planning<'r> {
+fn planned<'r>(request: &Request<'r>, index: u8, span: &Span<'_>) -> Planning<'r> {
     Planning {
         length: Length::Frames(span.frames),
-        seed: request.planning.seed.wrapping_add((index as u64 + 1).wrapping_mul(SEED_STEP)),
+        seed: request.planning.seed.wrapping_add((u64::from(index) + 1).wrapping_mul(SEED_STEP)),
         fixed: &[],
         start_open: false,
         end_open: false,
@@ -70,41 +68,44 @@ fn planned<'r>(request: &Request<'r>, index: usize, span: &Span<'_>) -> Planning
 impl TimelineLimits {
     /// Of the motion of a span.
     pub(super) fn of_span(&self, rows: usize) -> Limits {
-        let (tokens, planning) = (self.tokens, Some(self.planning));
+        let (tokens, words) = (usize::from(self.tokens), usize::from(self.words));
+        let (steps, guided) = (self.steps, self.guided);
+        let planning = Some(PlanningLimits { words, steps, guided, anchors: false, clauses: 1 });
         Limits { tokens, anchors: 0, tracked: 0, timeline: None, refinement: Config::NONE, planning, rows }
     }
 }
 
 /// Where directions of all spans lie, three numbers each.
 pub(super) fn directions<'a>(limits: &Limits, arena: &mut Arena<'a>) -> Result<&'a mut [i16], ArenaTooSmall> {
-    arena.take(limits.timeline.map_or(0, |timeline| 3 * timeline.directions))
+    arena.take(limits.timeline.map_or(0, |timeline| 3 * timeline.directions as usize))
 }
 
-/// Makes the motion of each span and keeps how it holds the span's parts, in `directions`; the bytes used at most come back.
+/// Makes the motion of each span and keeps how it holds the span's parts, in `directions`; what was understood of the spans comes back, `peak` becomes the bytes
+/// used at most.
+#[cfg(feature = "timeline")]
 #[inline(never)]
 pub(super) fn read(
     model: &Model<'_>,
     (request, limits): (&Request<'_>, &Limits),
     directions: &mut [i16],
-    heard: &mut Heard,
-    arena: &mut Arena<'_>,
+    (arena, peak): (&mut Arena<'_>, &mut usize),
     observer: &mut dyn Observer,
-) -> Result<usize, Error> {
-    let mut used = arena.used();
-    let Some(timeline) = &limits.timeline else { return Ok(used) };
+) -> Result<Heard, Error> {
+    let mut heard = Heard::default();
+    let Some(timeline) = &limits.timeline else { return Ok(heard) };
     let mut rest = directions;
-    for (index, span) in request.timeline.iter().enumerate() {
+    for (index, span) in (0u8..).zip(request.timeline) {
         let (own, others) = rest.split_at_mut_checked(3 * directions_of(span)).unwrap_or_default();
         rest = others;
         let mut overlay = arena.overlay();
-        let said =
-            read_span(model, (request, &timeline.of_span(limits.rows)), (index, span), own, &mut overlay, observer)?;
-        used = used.max(said.1);
-        if let Some(heard) = heard.get_mut(index) {
-            *heard = said.0;
+        let of_span = timeline.of_span(limits.rows);
+        let (said, used) = read_span(model, (request, &of_span), (index, span), own, &mut overlay, observer)?;
+        *peak = if *peak > used { *peak } else { used };
+        if let Some(heard) = heard.get_mut(usize::from(index)) {
+            *heard = said;
         }
     }
-    Ok(used)
+    Ok(heard)
 }
 
 /// Directions that are kept of a span.
@@ -112,10 +113,11 @@ fn directions_of(span: &Span<'_>) -> usize {
     usize::from(span.frames) * posture::count(span.parts)
 }
 
+#[cfg(feature = "timeline")]
 fn read_span(
     model: &Model<'_>,
     (request, limits): (&Request<'_>, &Limits),
-    (index, span): (usize, &Span<'_>),
+    (index, span): (u8, &Span<'_>),
     directions: &mut [i16],
     arena: &mut Arena<'_>,
     observer: &mut dyn Observer,
@@ -139,7 +141,9 @@ fn read_span(
         clause: (0, 1),
         anchors: None,
     };
-    let (Planned { tokens: made, heard, .. }, planned) = plan_prompt(modules, task, arena, tokens, observer)?;
+    let mut overlay = arena.overlay();
+    let Planned { tokens: made, heard, .. } = plan_tokens(modules, task, &mut overlay, tokens, observer)?;
+    let planned = overlay.used();
     let mut decoding = Decoding::take(model, limits, arena).map_err(Error::Arena)?;
     let u = part_mut!(decoding.u, ..made * model.decoder().code_width());
     model.codebooks().embed(part!(tokens, ..made * model.codebooks().quantizers()), u)?;
@@ -154,12 +158,14 @@ fn read_span(
     Ok((heard, if planned > arena.used() { planned } else { arena.used() }))
 }
 
+#[cfg(feature = "timeline")]
 fn poses(joints: &mut [f32]) -> &mut [Pose] {
     let (points, _) = joints.as_chunks_mut::<3>();
     points.as_chunks_mut::<JOINTS>().0
 }
 
 /// Has the parts of a motion, `[T][22][3]` metres, do what the spans do.
+#[cfg(feature = "timeline")]
 #[inline(never)]
 pub(super) fn hold(spans: &[Span<'_>], directions: &[i16], joints: &mut [f32]) {
     let poses = poses(joints);
@@ -177,6 +183,7 @@ pub(super) fn hold(spans: &[Span<'_>], directions: &[i16], joints: &mut [f32]) {
 }
 
 /// How far a span counts at one of its frames, in a motion of so many: it comes and goes smoothly, but for its ends at those of the motion.
+#[cfg(feature = "timeline")]
 fn share(span: &Span<'_>, frame: u16, frames: usize) -> f32 {
     let quarter = span.frames / 4;
     let lead = f32::from(if quarter < LEAD { quarter } else { LEAD });

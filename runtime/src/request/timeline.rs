@@ -113,7 +113,7 @@ pub struct Span<'r> {
     pub first: u16,
     /// Frames, [`LEAST_SPAN`] or more.
     pub frames: u16,
-    /// What they do.
+    /// What they do, one clause whatever it says: a span each for what is to be done one behind the other.
     pub prompt: Prompt<'r>,
 }
 
@@ -151,19 +151,19 @@ pub enum TimelineError {
     /// A span without parts.
     NoParts {
         /// Span at fault.
-        index: usize,
+        index: u8,
     },
     /// A span of fewer than [`LEAST_SPAN`] frames.
     TooShort {
         /// Span at fault.
-        index: usize,
+        index: u8,
         /// Its frames.
         frames: u16,
     },
     /// A span that ends behind the end of the motion.
     OutOfRange {
         /// Span at fault.
-        index: usize,
+        index: u8,
         /// The frame behind its last.
         end: usize,
         /// Frames of the motion.
@@ -172,16 +172,16 @@ pub enum TimelineError {
     /// Two spans that move one part at one frame.
     Overlap {
         /// The earlier span of the two in the caller's list.
-        first: usize,
+        first: u8,
         /// The later one.
-        second: usize,
+        second: u8,
         /// The parts that both move.
         parts: BodyParts,
     },
     /// A span whose prompt was refused.
     Prompt {
         /// Span at fault.
-        index: usize,
+        index: u8,
         /// Why.
         error: PromptError,
     },
@@ -231,7 +231,7 @@ pub fn check(spans: &[Span<'_>], frames: usize) -> Result<(), TimelineError> {
     if spans.len() > MAX_SPANS {
         return Err(TimelineError::TooMany { spans: spans.len(), limit: MAX_SPANS });
     }
-    for (index, span) in spans.iter().enumerate() {
+    for (index, span) in (0u8..).zip(spans) {
         if span.parts.is_empty() {
             return Err(TimelineError::NoParts { index });
         }
@@ -241,8 +241,9 @@ pub fn check(spans: &[Span<'_>], frames: usize) -> Result<(), TimelineError> {
         if span.end() > frames {
             return Err(TimelineError::OutOfRange { index, end: span.end(), frames });
         }
-        if let Some(first) = spans.iter().take(index).position(|other| other.overlaps(span)) {
-            let parts = spans.get(first).map_or(span.parts, |other| other.parts.common(span.parts));
+        let earlier = (0u8..).zip(spans).take(usize::from(index));
+        if let Some((first, other)) = { earlier }.find(|(_, other)| other.overlaps(span)) {
+            let parts = other.parts.common(span.parts);
             return Err(TimelineError::Overlap { first, second: index, parts });
         }
     }

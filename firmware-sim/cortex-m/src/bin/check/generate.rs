@@ -7,6 +7,8 @@ use motionette::{
     Anchor, AnchorList, Bones, Error, Fixed, Generator, Limits, Model, Observer, Plan, Planning, PlanningLimits,
     Progress, Prompt, Request, Sampling, Source, Stop, StreamError, StreamLimits, StreamPlan, refining::Config,
 };
+#[cfg(feature = "timeline")]
+use motionette::{BodyParts, Span};
 #[cfg(feature = "obstacles")]
 use motionette::{Course, Keyframe, Obstacle, Shape};
 #[cfg(feature = "tracks")]
@@ -63,11 +65,26 @@ pub fn serve(
     ]);
     #[cfg(not(feature = "obstacles"))]
     let obstacles = &[];
+    #[cfg(feature = "timeline")]
+    let timeline: &[Span<'_>] = &black_box([
+        Span::new(BodyParts::RIGHT_ARM, 0, 40, text),
+        Span { prompt: Prompt::Bank(text), ..Span::new(BodyParts::LEGS, 8, 40, text) },
+    ]);
+    #[cfg(not(feature = "timeline"))]
+    let timeline = &[];
     let model = Model::open(blob).map_err(Refused::Blob)?;
     let refinement = black_box(Config::default());
     let planning =
         black_box(Some(PlanningLimits { words: text.len(), steps: 5, guided: true, anchors: true, clauses: 1 }));
-    let limits = Limits { tokens: tokens.len(), anchors: anchors.len(), tracked: 0, timeline: None, refinement, planning, rows: ROWS };
+    let limits = Limits {
+        tokens: tokens.len(),
+        anchors: anchors.len(),
+        tracked: 0,
+        timeline: None,
+        refinement,
+        planning,
+        rows: ROWS,
+    };
     let _ = black_box(Plan::for_request(&model, &limits));
     let mut generator = Generator::new(model, arena).map_err(Refused::Request)?;
     black_box(generator.self_test().map_err(Refused::Request)?);
@@ -95,6 +112,7 @@ pub fn serve(
             anchors: list,
             tracks,
             obstacles,
+            timeline,
             refinement: black_box(Some(refinement)),
             planning,
             bones: black_box(Bones::Model),
