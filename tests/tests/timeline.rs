@@ -92,6 +92,46 @@ fn whole(span: &Span<'_>, frames: usize) -> std::ops::Range<usize> {
     first..span.end() - if span.end() < frames { lead } else { 0 }
 }
 
+/// Compares the motion of a request and its timeline with the request's own and the spans' own motions: how far told joints are at most from where they were
+/// told to be, and how far they would be without the timeline, metres.
+fn judged(model: &Model<'_>, plain: &Request<'_>, spans: &[Span<'_>]) -> (f64, f64) {
+    let (was, none) = made(model, plain).expect("it runs");
+    assert!(none.iter().all(|words| *words == 0));
+    let (frames, said) = made(model, &plain.timeline(spans)).expect("it runs");
+    assert_eq!(frames.len(), was.len());
+    let own = model.skeleton().offsets();
+    let (offsets, factor) = match plain.bones {
+        Bones::Given(offsets) => (*offsets, offsets[4][1] / own[4][1]),
+        _ => (own, 1.0),
+    };
+    assert!(metrics::bone_error(&frames, offsets) < 1e-3);
+    let (mut worst, mut moved) = (0.0f64, 0.0f64);
+    for (index, span) in spans.iter().enumerate() {
+        let Prompt::Text(text) = span.prompt else { panic!("all are") };
+        assert_eq!(usize::from(said[index]), text.split(' ').count());
+        let seed = plain.planning.seed.wrapping_add((index as u64 + 1).wrapping_mul(SEED_STEP));
+        let own = Request::text(text).frames(span.frames).seed(seed).unrefined();
+        let (own, _) = made(model, &own).expect("it runs");
+        for t in whole(span, frames.len()) {
+            for (joint, carrier) in joints(span.parts) {
+                let wanted = seen(&own[t - usize::from(span.first)], carrier, joint).map(|v| v * f64::from(factor));
+                let (now, before) = (seen(&frames[t], carrier, joint), seen(&was[t], carrier, joint));
+                let off = |a: V| dot(minus(a, wanted), minus(a, wanted)).sqrt();
+                (worst, moved) = (worst.max(off(now)), moved.max(off(before)));
+            }
+        }
+    }
+    for (t, (now, before)) in frames.iter().zip(&was).enumerate() {
+        let parts = spans.iter().filter(|span| (usize::from(span.first)..span.end()).contains(&t));
+        let told = parts.fold(BodyParts::NONE, |parts, span| parts.and(span.parts));
+        let told: Vec<usize> = joints(told).into_iter().map(|(joint, _)| joint).collect();
+        for joint in (0..22).filter(|joint| !told.contains(joint)) {
+            assert_eq!(now[joint], before[joint], "frame {t}, joint {joint}");
+        }
+    }
+    (worst, moved)
+}
+
 #[test]
 fn parts_do_what_they_are_told_and_all_else_stays() {
     let blob = blob();
@@ -110,39 +150,39 @@ fn parts_do_what_they_are_told_and_all_else_stays() {
     ];
     for (case, spans) in cases.iter().enumerate() {
         let bones = if case == 1 { Bones::Given(&large) } else { Bones::Model };
-        let (was, none) = made(&model, &free.bones(bones)).expect("it runs");
-        assert!(none.iter().all(|words| *words == 0));
-        let (frames, said) = made(&model, &free.bones(bones).timeline(spans)).expect("it runs");
-        let offsets = if case == 1 { large } else { model.skeleton().offsets() };
-        assert!(metrics::bone_error(&frames, offsets) < 1e-3);
-        let (mut worst, mut moved) = (0.0f64, 0.0f64);
-        for (index, span) in spans.iter().enumerate() {
-            let Prompt::Text(text) = span.prompt else { panic!("all are") };
-            assert_eq!(usize::from(said[index]), text.split(' ').count());
-            let seed = 5u64.wrapping_add((index as u64 + 1).wrapping_mul(SEED_STEP));
-            let own = Request::text(text).frames(span.frames).seed(seed).unrefined();
-            let (own, _) = made(&model, &own).expect("it runs");
-            let factor = if case == 1 { 1.3 } else { 1.0 };
-            for t in whole(span, 120) {
-                for (joint, carrier) in joints(span.parts) {
-                    let wanted = seen(&own[t - usize::from(span.first)], carrier, joint).map(|v| v * factor);
-                    let (now, before) = (seen(&frames[t], carrier, joint), seen(&was[t], carrier, joint));
-                    let off = |a: V| dot(minus(a, wanted), minus(a, wanted)).sqrt();
-                    (worst, moved) = (worst.max(off(now)), moved.max(off(before)));
-                }
-            }
-        }
+        let (worst, moved) = judged(&model, &free.bones(bones), spans);
         println!("case {case}: worst {worst:.6} m, they were {moved:.3} m off");
         assert!(worst < 3e-4, "case {case}: {worst}");
         assert!(moved > 0.1, "case {case}: {moved}");
-        for t in 0..120 {
-            let parts = spans.iter().filter(|span| (usize::from(span.first)..span.end()).contains(&t));
-            let told = parts.fold(BodyParts::NONE, |parts, span| parts.and(span.parts));
-            let told: Vec<usize> = joints(told).into_iter().map(|(joint, _)| joint).collect();
-            for joint in (0..22).filter(|joint| !told.contains(joint)) {
-                assert_eq!(frames[t][joint], was[t][joint], "case {case}, frame {t}, joint {joint}");
-            }
-        }
+    }
+}
+
+/// Timelines of two parts and of three spans, drawn by seed: what parts, when, and what for.
+#[test]
+fn so_do_timelines_drawn_by_seed() {
+    let blob = blob();
+    let model = blob.model().expect("checked");
+    let whole =
+        ["a person walks forward", "a person runs", "a person stands", "a person turns left", "a person sits down"];
+    let arms =
+        ["a person waves the right hand", "a person claps", "a person punches", "a person throws", "a person boxes"];
+    let legs = ["a person walks", "a person kicks", "a person runs in place", "a person squats", "a person jumps"];
+    let mut random = motionette::numerics::hash::Stream::new(2026);
+    for case in 0..26 {
+        let frames = 80 + 4 * random.below(30) as u16;
+        let mut pick = |list: &[&'static str; 5]| list[random.below(5) as usize];
+        let (first, second, third, base) = (pick(&arms), pick(&arms), pick(&legs), pick(&whole));
+        let (a, b) = (1 + random.below(30) as u16, 31 + random.below(40) as u16);
+        let upper = [BodyParts::RIGHT_ARM, BodyParts::ARMS, BodyParts::UPPER_BODY][random.below(3) as usize];
+        let spans = [
+            Span::new(upper, a, b - a + 8, first),
+            Span::new(BodyParts::LEGS, a, frames - a, third),
+            Span::new(BodyParts::LEFT_ARM.and(BodyParts::HEAD), b + 8, frames - b - 8, second),
+        ];
+        let count = if case < 20 { 2 } else { 3 };
+        let plain = Request::text(base).frames(frames).seed(u64::from(random.next_u32())).unrefined();
+        let (worst, moved) = judged(&model, &plain, &spans[..count]);
+        assert!(worst < 3e-4 && moved > 0.05, "case {case}: {worst} {moved}");
     }
 }
 
