@@ -4,7 +4,7 @@ use crate::default_model;
 use crate::session::Outcome;
 use crate::viewer::ShownWord;
 use anyhow::Context;
-use motionette::generation::tokens::{CONTEXT, Planning, SEED_STEP};
+use motionette::generation::tokens::{CONTEXT, Fixed, Planning, SEED_STEP, TokenSampler};
 use motionette::numerics::hash::Stream;
 use motionette::text::words::{UNKNOWN, Words};
 use motionette::{Anchor, Clauses, Model};
@@ -22,7 +22,7 @@ pub struct Compared {
     pub words: Vec<ShownWord>,
     /// Share of positions, of all steps, at which both find the same token most probable.
     pub agreement: f64,
-    /// Tokens after each planner step, `[steps][L]`; none where the clause of a position is yet to come.
+    /// Tokens after each planner step, `[steps][L]`; none where the clause of a position is yet to come, or it is masked.
     pub steps: Vec<Vec<Option<u16>>>,
 }
 
@@ -85,6 +85,7 @@ pub fn compare(
         prior = prior.controlled(&control, tokenizer.config.fps);
     }
     let model = blob.model()?;
+    let sampler = model.planner().context("the blob has no planner")?.sampler();
     let whole = after.steps.len() <= usize::from(planning.steps);
     let clauses = model.text().filter(|_| !whole).map_or(Clauses::whole(prompt), |text| text.clauses(prompt));
     let windows = windows(&clauses, &after.steps, usize::from(planning.steps));
@@ -102,12 +103,14 @@ pub fn compare(
         };
         let guided = case.guided(&prior, 1.0);
         let fixed: Vec<bool> = (0..tokens.len()).map(|position| position < window.context).collect();
-        // The first step saw random tokens behind those that were given, every other one what the step before it left.
+        // The first step saw what the sampler begins with behind the tokens that were given, every other one what the step before it left.
         let mut stream = Stream::new(planning.seed.wrapping_add((number as u64).wrapping_mul(SEED_STEP)));
-        let drawn: Vec<u16> = tokens.iter().map(|_| stream.below(codes as u32) as u16).collect();
-        let first = [&tokens[..window.context], &drawn[window.context..]].concat();
+        let given: Vec<Fixed> =
+            (0..).zip(&tokens[..window.context]).map(|(position, &token)| Fixed { position, token }).collect();
+        let mut first = tokens.clone();
+        sampler.begin(&Planning { fixed: &given, ..*planning }, codes, &mut stream, &mut first);
         for (k, tokens) in std::iter::once(&first).chain(window.steps).take(window.steps.len()).enumerate() {
-            let time = f64::from(planning.schedule.time(k as u16, planning.steps));
+            let time = f64::from(sampler.time(planning, k as u16));
             let (expected, found) =
                 (prior.logits(&guided, tokens, time, &fixed), planner::logits(blob, &case, tokens, time)?);
             for (a, b) in expected.chunks_exact(codes).zip(found.chunks_exact(codes)).skip(window.context) {
@@ -117,7 +120,7 @@ pub fn compare(
         }
     }
     let agreement = same as f64 / f64::from(positions.max(1));
-    Ok(Compared { words: words(&model, prompt), agreement, steps: rows(&windows, after.tokens.len()) })
+    Ok(Compared { words: words(&model, prompt), agreement, steps: rows(&windows, after.tokens.len(), codes) })
 }
 
 /// The words of a prompt.
@@ -127,13 +130,14 @@ fn words(model: &Model<'_>, prompt: &str) -> Vec<ShownWord> {
     Words::new(prompt).map(|word| ShownWord { text: word.as_str().to_owned(), known: known(&word) }).collect()
 }
 
-/// The motion's tokens after each step of each window.
-fn rows(windows: &[Window<'_>], tokens: usize) -> Vec<Vec<Option<u16>>> {
+/// The motion's tokens of so many codes after each step of each window.
+fn rows(windows: &[Window<'_>], tokens: usize, codes: usize) -> Vec<Vec<Option<u16>>> {
     let mut motion = vec![None; tokens];
     let mut rows = Vec::new();
     for window in windows {
         for step in window.steps {
-            motion.iter_mut().skip(window.begin).zip(step).for_each(|(to, &token)| *to = Some(token));
+            let tokens = step.iter().map(|&token| Some(token).filter(|token| usize::from(*token) < codes));
+            motion.iter_mut().skip(window.begin).zip(tokens).for_each(|(to, token)| *to = token);
             rows.push(motion.clone());
         }
     }
@@ -153,7 +157,7 @@ mod tests {
         let windows = windows(&clauses, &steps, 2);
         let places: Vec<_> = windows.iter().map(|w| (w.text, w.begin, w.context, w.steps.len())).collect();
         assert_eq!(places, [("walk", 0, 0, 2), ("wave", 2, 8, 2)]);
-        let rows = rows(&windows, 12);
+        let rows = rows(&windows, 12, 21);
         assert_eq!(rows.len(), 4);
         assert_eq!((rows[0][0], rows[1][9], rows[1][10]), (Some(7), Some(9), None));
         let whole: Vec<_> = first.iter().chain(&[20, 21]).map(|&token| Some(token)).collect();

@@ -7,8 +7,8 @@ use crate::checkpoint::anchors::Family;
 use crate::checkpoint::prior::Part;
 use crate::checkpoint::{ControlCheckpoint, Conv1d, PriorCheckpoint, TokenizerCheckpoint};
 use motionette::blob::{
-    Codec, DType, Generator, Guidance, Manifest, Padding, PhraseBank, Representation, TextEncoding, TextTable,
-    TransformerConfig,
+    Codec, Corruption, DType, Generator, Guidance, Manifest, Padding, PhraseBank, PlannerConfig, Representation,
+    TextEncoding, TextTable, TransformerConfig,
 };
 use motionette::model::cargo_features;
 
@@ -210,8 +210,8 @@ pub fn inspect(
         },
         generator: match manifest.generator {
             Generator::Given { .. } => "given",
-            Generator::Tmd(_) => "tmd",
-            Generator::Masked(_) => "masked",
+            Generator::Words(PlannerConfig { corruption: Corruption::Near { .. }, .. }) => "tmd",
+            Generator::Words(_) | Generator::Masked(_) => "masked",
             Generator::Autoregressive(_) => "autoregressive",
         },
         decoder: format!(
@@ -277,14 +277,17 @@ fn prior_info(
         phrases,
         planner: match &manifest.generator {
             Generator::Given { .. } => None,
-            Generator::Tmd(p) => Some(format!("{}, TMD with c = {}, a = {}", words(&p.transformer), p.c, p.a)),
+            Generator::Words(p) => Some(match p.corruption {
+                Corruption::Near { c, a } => format!("{}, TMD with c = {c}, a = {a}", words(&p.transformer)),
+                Corruption::Masks => format!("{}, masked", words(&p.transformer)),
+            }),
             Generator::Masked(p) => Some(format!("{}, masked", words(&p.transformer))),
             Generator::Autoregressive(p) => Some(format!("{}, a token at a time", words(&p.transformer))),
         },
         guidance: match &manifest.generator {
             Generator::Given { .. } => None,
-            Generator::Tmd(p) if p.guidance == Guidance::OnePass => Some("one pass"),
-            Generator::Tmd(_) | Generator::Masked(_) => Some("two passes"),
+            Generator::Words(p) if p.guidance == Guidance::OnePass => Some("one pass"),
+            Generator::Words(_) | Generator::Masked(_) => Some("two passes"),
             Generator::Autoregressive(_) => Some("nothing"),
         },
         residual: prefix

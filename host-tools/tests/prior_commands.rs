@@ -166,7 +166,7 @@ fn plan_counts_the_planner() {
 fn generate_is_the_reference_in_integers() {
     let bench = Bench::new();
     let tokenizer = motionette_host::checkpoint::load(&bench.path("t.safetensors")).expect("a tokenizer");
-    for (name, options) in [("p", ""), ("post", ""), ("p", "--planner-bits 4")] {
+    for (name, options) in [("p", ""), ("post", ""), ("p", "--planner-bits 4"), ("m", "")] {
         bench.succeeds(&format!(
             "convert t.safetensors --prior {name}.prior.safetensors --bank bank.txt {options} -o {name}.blob"
         ));
@@ -176,7 +176,9 @@ fn generate_is_the_reference_in_integers() {
         let reference = Prior::<f32>::new(&blob.dequantised_prior(&source).expect("checked"), &tokenizer);
         let words = reference.text.read("A tired person walks, waving.").expect("words");
         assert_eq!(words.ids, [2, 8, 3, 4, 1]);
-        let plain = Settings::default();
+        let steps = usize::from(blob.model().expect("checked").default_planning().steps);
+        assert_eq!(steps, if name == "m" { 10 } else { 5 });
+        let plain = Settings { steps, ..Settings::default() };
         let (mut same, mut all) = (0, 0);
         for (options, guidance, settings) in [
             ("", 2.0, plain.clone()),
@@ -217,6 +219,46 @@ fn generate_is_the_reference_in_integers() {
         assert!(same > 4 * all / 5, "{name}: {same} of {all}");
     }
     assert!(std::fs::read_to_string(bench.path("m.bvh")).expect("a motion").contains("Frames: 100"));
+}
+
+/// A prior of masked tokens is converted, shown and compared as any other; of its process it needs no constants.
+#[test]
+fn masked_tokens() {
+    let bench = Bench::new();
+    bench.dataset();
+    bench.succeeds("convert t.safetensors --prior m.prior.safetensors --bank bank.txt -o m.blob");
+    bench.convert();
+    let seen = bench.succeeds("inspect m.blob --checkpoint t.safetensors --prior m.prior.safetensors");
+    assert_eq!((seen["version"].as_str(), seen["generator"].as_str()), (Some("4.3"), Some("masked")));
+    assert_eq!(list(&seen["features"]), ["vq", "masked", "text"]);
+    let planner = seen["prior"]["planner"].as_str().expect("a planner");
+    assert!(planner.ends_with(", masked") && seen["prior"]["guidance"] == "two passes", "{seen}");
+    let row = seen["prior"]["layers"].as_array().expect("layers").iter().find(|l| l["name"] == "planner.mask");
+    assert!(row.expect("the row of a masked token")["weight_error"].as_f64().is_some_and(|e| e > 0.0 && e < 0.02));
+    let plan = bench.succeeds("plan m.blob --tokens 20 --anchors 0");
+    assert_eq!(plan["planning"]["steps"].as_u64(), Some(10));
+
+    let line = "verify m.blob --checkpoint t.safetensors --prior m.prior.safetensors --dataset d.mds --solver 0";
+    let said = report(&bench.run(&line.split_whitespace().collect::<Vec<_>>()));
+    for kind in ["runtime", "weights"] {
+        let top1 = said["planner"][kind]["top1"].as_f64().expect("a share");
+        assert!((0.85..=1.0).contains(&top1), "{kind}: {top1}");
+    }
+    for (blob, prior) in [("m", "p"), ("p", "m")] {
+        let line = format!(
+            "verify {blob}.blob --checkpoint t.safetensors --prior {prior}.prior.safetensors --dataset d.mds --solver 0"
+        );
+        bench.fails(&line.split_whitespace().collect::<Vec<_>>(), &["whether tokens are masked"]);
+    }
+
+    let near = checkpoints::masked_config().replace(r#""corruption": "masks""#, r#""corruption": "near""#);
+    let kind = prior::PriorConfig::from_json(&near).expect_err("near codes without constants");
+    assert!(kind.to_string().contains('c'), "{kind}");
+    let config = prior::PriorConfig::from_json(&checkpoints::masked_config()).expect("a good configuration");
+    assert_eq!(config.corruption, prior::Corruption::Masks);
+    checkpoints::names_every_damaged_tensor(&checkpoints::masked(3), |map| {
+        prior::PriorCheckpoint::build(map, config.clone()).expect_err("a damaged checkpoint")
+    });
 }
 
 #[test]

@@ -176,7 +176,7 @@ pub fn meanings(tiny: &Tiny, pooled: &[f64]) -> Vec<f64> {
 /// What the planner sees beside the text.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
-    /// Tokens.
+    /// Tokens; V is a masked one.
     pub tokens: Vec<u16>,
     /// Which are given.
     pub fixed: Vec<usize>,
@@ -262,7 +262,10 @@ pub fn logits(tiny: &Tiny, scene: &Scene, memory: &Rows, pooled: &[f64]) -> Rows
     }
     let nothing = vec![0.0; d];
     for (i, &token) in scene.tokens.iter().enumerate() {
-        let token = &prior.token.weights[usize::from(token) * d..(usize::from(token) + 1) * d];
+        let token = match &prior.mask {
+            Some(mask) if token == tiny.shape.codes => &mask[0],
+            _ => &prior.token.weights[usize::from(token) * d..(usize::from(token) + 1) * d],
+        };
         let end = if scene.end_open { &nothing } else { &end[scene.tokens.len() - 1 - i] };
         let fixed = if scene.fixed.contains(&i) { &fixed[0] } else { &nothing };
         x.push(sum(&[token, &position[i], end, fixed]));

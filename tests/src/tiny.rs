@@ -1,9 +1,10 @@
 //! Small random models, written byte by byte from `runtime/src/blob/FORMAT.md`, independently of the converter.
 
 use motionette::blob::{
-    Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator, Guidance, HeadConfig, Header, HumanMl3d,
-    MAJOR, Manifest, Norm, Padding, PhraseBank, PlannerConfig, PrefixConfig, Representation, ResidualConfig, SelfTest,
-    Skeleton, TensorEntry, TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
+    Activation, Card, Codec, ControlConfig, Corruption, DType, DecoderConfig, Generator, Guidance, HeadConfig, Header,
+    HumanMl3d, MAJOR, Manifest, Norm, Padding, PhraseBank, PlannerConfig, PrefixConfig, Representation, ResidualConfig,
+    SelfTest, Skeleton, TensorEntry, TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable,
+    TransformerConfig,
 };
 use motionette::numerics::hash::{Stream, fnv32};
 
@@ -80,10 +81,8 @@ pub struct PriorShape {
     pub planned: bool,
     /// Anchor control; needs a planner.
     pub control: Option<ControlConfig>,
-    /// Constants of the sampler.
-    pub c: f32,
-    /// Constants of the sampler.
-    pub a: f32,
+    /// What the planner makes tokens of.
+    pub corruption: Corruption,
 }
 
 /// Probability from which a prompt counts as understood.
@@ -113,8 +112,7 @@ impl Default for PriorShape {
             packed: false,
             planned: true,
             control: None,
-            c: 3.0,
-            a: 0.9,
+            corruption: Corruption::Near { c: 3.0, a: 0.9 },
         }
     }
 }
@@ -171,6 +169,12 @@ impl PriorShape {
         let text = TransformerConfig { width: 16, heads: 2, ..prior.text };
         let planner = TransformerConfig { width: 32, heads: 4, hidden: 22, ..prior.planner };
         PriorShape { text, planner, packed: true, ..prior }
+    }
+
+    /// The default with masked tokens.
+    #[must_use]
+    pub fn masked() -> Self {
+        PriorShape { corruption: Corruption::Masks, ..PriorShape::default() }
     }
 
     /// The default with all that came with version 4.1: words with vectors, phrases, guidance in one pass.
@@ -265,6 +269,8 @@ pub struct Prior {
     pub meaning: Option<Layer>,
     /// Rows of the strength of guidance.
     pub guidance: Option<Table>,
+    /// The row of a masked token.
+    pub mask: Option<Table>,
     /// Stored prompts, `[rows + 1][dt]`.
     pub bank: Vec<Table>,
     /// Pooled vector to row 0.
@@ -520,6 +526,7 @@ impl Writer {
                 length,
                 meaning,
                 guidance: None,
+                mask: None,
                 bank,
                 global: none.clone(),
                 tables,
@@ -538,11 +545,12 @@ impl Writer {
             self.table("fixed", 1, d),
         ];
         let guidance = prior.one_pass.then(|| self.table("guidance", 5, d));
+        let mask = (prior.corruption == Corruption::Masks).then(|| self.table("mask", 1, d));
         self.packed = prior.packed;
         let blocks = (0..prior.planner.layers).map(|_| self.block(&prior.planner, Some(dt))).collect();
         self.packed = false;
         let (norm, token) = (self.norm("n", d), self.linear("token", shape.codes, d));
-        Prior { encoder, length, meaning, guidance, bank, global, tables, blocks, norm, token }
+        Prior { encoder, length, meaning, guidance, mask, bank, global, tables, blocks, norm, token }
     }
 }
 
@@ -680,8 +688,7 @@ impl Tiny {
         let planner = shape.prior.as_ref().filter(|prior| prior.planned).map(|prior| PlannerConfig {
             max_tokens: shape.max_tokens,
             transformer: prior.planner,
-            c: prior.c,
-            a: prior.a,
+            corruption: prior.corruption,
             guidance: if prior.one_pass { Guidance::OnePass } else { Guidance::TwoPass },
             control: config.map(|(_, control)| control),
         });
@@ -727,7 +734,7 @@ impl Tiny {
                 features: FEATURES,
             }),
             text,
-            generator: planner.map(Generator::Tmd).or(prefix).unwrap_or(given),
+            generator: planner.map(Generator::Words).or(prefix).unwrap_or(given),
             self_test: SelfTest { seed: 0, tokens: 0, hash: 0 },
             tensor_count: writer.entries.len() as u16,
         };

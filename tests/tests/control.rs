@@ -1,7 +1,7 @@
 //! Anchors inside the planner, on small random models: their features against dense curves, what they tell the planner against an
 //! f64 oracle, and what a request notices of them.
 
-use motionette::blob::{ControlConfig, Error as BlobError, Norm, TransformerConfig};
+use motionette::blob::{ControlConfig, Corruption, Error as BlobError, Norm, TransformerConfig};
 use motionette::conditioning::scaffold::{self, Scaffold, Statistics};
 use motionette::generation::tokens::{PlanningLimits, Session};
 use motionette::memory::Arena;
@@ -164,6 +164,7 @@ fn shapes() -> Vec<Shape> {
         change(ControlConfig { scaffold: wide, frame_width: 40, rank: 17, ..control }),
         Shape { stages: 1, ..change(ControlConfig { families: 5, ..control }) },
         Shape { stages: 3, dilations: vec![1], ..with(large) },
+        with(PriorShape { corruption: Corruption::Masks, ..base.clone() }),
     ]
 }
 
@@ -214,8 +215,10 @@ fn conditioned_logits_agree_with_the_oracle() {
     let (mut cases, mut noticed) = (0, 0);
     for (seed, shape) in shapes().into_iter().enumerate() {
         let tiny = Tiny::new(shape.clone(), 170 + seed as u64);
+        // The last is a masked one, where the model knows it.
+        let masks = shape.prior.as_ref().is_some_and(|prior| prior.corruption == Corruption::Masks);
         for (length, count) in [(1u16, 1), (7, 3), (13, 8), (9, 15)] {
-            let tokens: Vec<u16> = (0..length).map(|_| random.below(11) as u16).collect();
+            let tokens: Vec<u16> = (0..length).map(|_| random.below(11 + u32::from(masks)) as u16).collect();
             let frames = u32::from(length) << shape.stages;
             let mut anchors = draw(&mut random, count.min(frames as usize), frames, &[0, 1, 2]);
             // Seen by every one of these shapes.

@@ -1,9 +1,9 @@
 //! The manifest of format 4 against bytes written by hand from `FORMAT.md`: what they mean, and what becomes of kinds that came later.
 
 use motionette::blob::{
-    Activation, Card, Codec, ControlConfig, DecoderConfig, Error, Generator, Guidance, HeadConfig, HumanMl3d, Manifest,
-    Norm, Padding, PhraseBank, PlannerConfig, PrefixConfig, Representation, ResidualConfig, SelfTest, Skeleton,
-    TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
+    Activation, Card, Codec, ControlConfig, Corruption, DecoderConfig, Error, Generator, Guidance, HeadConfig,
+    HumanMl3d, Manifest, Norm, Padding, PhraseBank, PlannerConfig, PrefixConfig, Representation, ResidualConfig,
+    SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
 };
 
 /// A manifest with everything in it.
@@ -47,7 +47,7 @@ impl Written {
         all.kind("text", 1, 2).bytes(&[0xAC, 0x02, 32]);
         all.kind("text.encoder", 1, 3).kind("text.encoder.table", 0, 2).text("<none>\n<unknown>\nwalk").transformer();
         all.kind("text.length", 0, 2).kind("text.bank", 0, 2).text("wave\nrun");
-        all.kind("generator", 1, 4).bytes(&[49]).transformer();
+        all.kind("generator", 1, 5).bytes(&[49]).transformer();
         // c = 3, a = 0.5
         all.bytes(&[0, 0, 0x40, 0x40]).bytes(&[0, 0, 0, 0x3F]).kind("generator.guidance", 0, 2);
         all.kind("generator.control", 1, 2).transformer().bytes(&[48, 32, 1, 7]);
@@ -93,11 +93,10 @@ fn bytes_written_by_hand_mean_what_the_format_says() {
             length: TextLength::Head,
             bank: PhraseBank::Prompts("wave\nrun"),
         }),
-        generator: Generator::Tmd(PlannerConfig {
+        generator: Generator::Words(PlannerConfig {
             max_tokens: 49,
             transformer,
-            c: 3.0,
-            a: 0.5,
+            corruption: Corruption::Near { c: 3.0, a: 0.5 },
             guidance: Guidance::TwoPass,
             control: Some(ControlConfig {
                 scaffold: transformer,
@@ -203,6 +202,33 @@ fn kinds_of_version_4_2_mean_what_the_format_says() {
     }
 }
 
+/// The kind that version 4.3 added, by hand: kind 1 without the constants of its process.
+#[test]
+fn the_kind_of_version_4_3_means_what_the_format_says() {
+    let written = Written::new();
+    let at = |name: &str| written.kinds.iter().find(|kind| kind.0 == name).expect("a section").1;
+    let bytes = &written.bytes;
+    let (before, constants) = (&bytes[..at("generator")], at("generator.guidance") - 8);
+    let new = [before, &[4], &bytes[at("generator") + 1..constants], &bytes[constants + 8..]].concat();
+    let (manifest, rest) = Manifest::read(&new, 3).expect("a manifest of version 4.3");
+    assert!(rest.is_empty());
+    let (near, _) = Manifest::read(bytes, 0).expect("a manifest of version 4.0");
+    let planner = |manifest: &Manifest<'_>| *manifest.generator.planner().expect("a planner");
+    let expected = PlannerConfig { corruption: Corruption::Masks, ..planner(&near) };
+    assert_eq!(planner(&manifest), expected);
+    assert_eq!((manifest.generator.control(), manifest.generator.max_tokens()), (expected.control.as_ref(), 49));
+    assert_eq!(manifest.tensor_count, near.tensor_count);
+    assert_eq!(postcard::to_stdvec(&manifest).as_deref(), Ok(&new[..]), "as the host tools write it");
+    let needed = |manifest: &Manifest<'_>| -> Vec<&str> {
+        motionette::model::cargo_features(manifest).into_iter().filter(|f| f.needed).map(|f| f.name).collect()
+    };
+    assert_eq!(needed(&manifest), ["vq", "masked", "anchor-control", "text"]);
+    assert_eq!(needed(&near), ["vq", "tmd", "anchor-control", "text"]);
+    for end in at("generator")..new.len() {
+        assert_eq!(Manifest::read(&new[..end], 3), Err(Error::Manifest), "cut at {end}");
+    }
+}
+
 /// What absent sections are: one byte each.
 #[test]
 fn sections_that_are_absent_take_a_byte() {
@@ -234,7 +260,7 @@ fn kinds_that_came_later_are_named() {
         assert_eq!(error, Error::Unknown { section, found: known, known, minor: 7 });
         let said = error.to_string();
         for word in
-            [format!("{section} is of kind {known}"), "4.2".to_owned(), "firmware that reads format 4.7".to_owned()]
+            [format!("{section} is of kind {known}"), "4.3".to_owned(), "firmware that reads format 4.7".to_owned()]
         {
             assert!(said.contains(&word), "{word:?} not in: {said}");
         }

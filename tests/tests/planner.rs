@@ -1,6 +1,6 @@
 //! The planner against an f64 oracle on small random models: text encoder, length, logits, and the sampler's marginals.
 
-use motionette::blob::{Activation, Norm};
+use motionette::blob::{Activation, Corruption, Norm};
 use motionette::generation::tokens::tmd::{Metric, Tmd};
 use motionette::generation::tokens::{PlanningLimits, Session};
 use motionette::memory::Arena;
@@ -43,7 +43,16 @@ fn shapes() -> Vec<Shape> {
     relu.planner.heads = 4;
     let mut wide = base.clone();
     wide.planner = motionette::blob::TransformerConfig { width: 24, heads: 3, layers: 1, hidden: 50, ..wide.planner };
-    vec![with(base), with(post), with(relu), with(wide), with(PriorShape::packed())]
+    vec![with(base), with(post), with(relu), with(wide), with(PriorShape::packed()), with(PriorShape::masked())]
+}
+
+/// The same scene, every other token that is not given masked, where the model knows masks.
+fn masked(shape: &Shape, mut scene: Scene) -> Scene {
+    if shape.prior.as_ref().is_some_and(|prior| prior.corruption == Corruption::Masks) {
+        let free = (0..scene.tokens.len()).filter(|i| !scene.fixed.contains(i)).step_by(2);
+        free.collect::<Vec<_>>().into_iter().for_each(|i| scene.tokens[i] = shape.codes);
+    }
+    scene
 }
 
 fn scenes() -> Vec<Scene> {
@@ -83,7 +92,7 @@ fn spread(rows: &Rows) -> f64 {
 fn logits_agree_with_the_oracle_for_every_shape_and_scene() {
     for (seed, shape) in shapes().into_iter().enumerate() {
         let tiny = Tiny::new(shape.clone(), 70 + seed as u64);
-        for scene in scenes() {
+        for scene in scenes().into_iter().map(|scene| masked(&shape, scene)) {
             for guidance in [1.0f32, 2.5, 0.0] {
                 let limits =
                     PlanningLimits { words: IDS.len(), steps: 1, guided: guidance != 1.0, anchors: false, clauses: 1 };
@@ -127,6 +136,12 @@ fn logits_agree_with_the_oracle_for_every_shape_and_scene() {
                 if guidance == 1.0 {
                     for wrong in [&other, &moved, &none] {
                         assert!(difference(&got, wrong).1 > 0.03 * unit, "{shape:?} {scene:?}");
+                    }
+                    if scene.tokens.contains(&shape.codes) {
+                        let tokens = scene.tokens.iter().map(|&token| token.min(shape.codes - 1)).collect();
+                        let (memory, pooled) = naive_prior::encode(&tiny, &IDS);
+                        let unmasked = naive_prior::logits(&tiny, &Scene { tokens, ..scene.clone() }, &memory, &pooled);
+                        assert!(difference(&got, &unmasked).1 > 0.03 * unit, "{shape:?} {scene:?}");
                     }
                 }
             }

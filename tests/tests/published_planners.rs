@@ -18,6 +18,7 @@ use motionette_host::checkpoint::{self, PublishedPlanner, published};
 use motionette_host::convert::{self, CardText, Options, PublishedSource, bank};
 use motionette_host::reference::published as reference;
 use motionette_host::reference::published::draw::Choice;
+use motionette_host::reference::{masked, tmd};
 use motionette_tests::published::floats;
 use motionette_tests::shared;
 
@@ -305,11 +306,12 @@ fn masked_runs_with_the_same_random_numbers() {
 fn the_schedule_of_masks() {
     for steps in 2..=20_u16 {
         let planning = Planning { steps, ..Planning::DEFAULT };
+        let times = masked::times(tmd::Schedule::Uniform, usize::from(steps));
         for length in 1..=49_usize {
             for step in 0..steps - 1 {
                 let ours = motionette::generation::tokens::masked::masked(&planning, step, length);
-                let exact = reference::masked::masked(usize::from(step) + 1, usize::from(steps), length);
-                assert_eq!(ours, exact.min(length), "step {step} of {steps}, {length} tokens");
+                let exact = masked::masked(times[usize::from(step) + 1], length);
+                assert_eq!(ours, exact, "step {step} of {steps}, {length} tokens");
             }
         }
     }

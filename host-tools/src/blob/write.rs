@@ -1,7 +1,8 @@
 //! The bytes of a blob: header, manifest, tensor table, weight section (`runtime/src/blob/FORMAT.md`).
 
 use motionette::blob::{
-    ALIGNMENT, DType, Guidance, HEADER_LEN, Header, MAJOR, Manifest, PhraseBank, TensorEntry, TextEncoding, TextTable,
+    ALIGNMENT, Corruption, DType, Guidance, HEADER_LEN, Header, MAJOR, Manifest, PhraseBank, TensorEntry, TextEncoding,
+    TextTable,
 };
 
 use super::AlignedBlob;
@@ -65,7 +66,7 @@ pub fn write(manifest: &Manifest<'_>, tensors: &[Tensor]) -> Result<AlignedBlob,
     versioned(manifest, &table, &weights, minor(manifest).max(if wide { 2 } else { 0 }))
 }
 
-/// The oldest minor version that has all that a manifest says: 2 where prompts are vectors (as where more layers than the last have weights of 16
+/// The oldest minor version that has all that a manifest says: 3 where a planner that reads words has masked tokens; 2 where prompts are vectors (as where more layers than the last have weights of 16
 /// bits); 1 where a convolution looks less far ahead than back, words have vectors,
 /// prompts are understood as phrases, or guidance takes one pass; else 0.
 fn minor(manifest: &Manifest<'_>) -> u16 {
@@ -76,6 +77,9 @@ fn minor(manifest: &Manifest<'_>) -> u16 {
         .is_some_and(|encoder| matches!(encoder.table, TextTable::Vectors { .. }));
     let phrases = text.is_some_and(|text| matches!(text.bank, PhraseBank::Meanings { .. }));
     let one_pass = manifest.generator.planner().is_some_and(|planner| planner.guidance == Guidance::OnePass);
+    if manifest.generator.planner().is_some_and(|planner| planner.corruption == Corruption::Masks) {
+        return 3;
+    }
     if text.is_some_and(|text| text.encoder == TextEncoding::Vectors) {
         return 2;
     }

@@ -1,9 +1,10 @@
 //! What of a checkpoint goes into the manifest and the tensors of a blob (`runtime/src/blob/FORMAT.md`).
 
 use motionette::blob::{
-    ALIGNMENT, Activation, Card, Codec, ControlConfig, DType, DecoderConfig, Generator as GeneratorConfig, Guidance,
-    HumanMl3d, MAX_BLOCKS, MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SKELETON_BYTES,
-    SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
+    ALIGNMENT, Activation, Card, Codec, ControlConfig, Corruption, DType, DecoderConfig, Generator as GeneratorConfig,
+    Guidance, HumanMl3d, MAX_BLOCKS, MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation,
+    SKELETON_BYTES, SelfTest, Skeleton, TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable,
+    TransformerConfig,
 };
 use motionette::numerics::hash::Stream;
 use motionette::{Bones, Generator, Limits, Model, Plan, Request};
@@ -96,7 +97,7 @@ pub(super) fn write(
         },
         generator: match planned {
             Planned::Given => GeneratorConfig::Given { max_tokens: narrow(MAX_TOKENS, "longest motion")? },
-            Planned::Prior(source, _) => GeneratorConfig::Tmd(planner_config(source)?),
+            Planned::Prior(source, _) => GeneratorConfig::Words(planner_config(source)?),
             Planned::Published(source, _) => match source.planner {
                 PublishedPlanner::Gpt(_) => GeneratorConfig::Autoregressive(source.config()?),
                 _ => GeneratorConfig::Masked(source.config()?),
@@ -269,8 +270,10 @@ fn planner_config(source: &PriorSource<'_>) -> Result<PlannerConfig, Error> {
     Ok(PlannerConfig {
         max_tokens: narrow(c.max_tokens, "longest motion")?,
         transformer: transformer_config(c.form(), c.planner)?,
-        c: c.c as f32,
-        a: c.a as f32,
+        corruption: match c.corruption {
+            prior::Corruption::Near => Corruption::Near { c: c.c as f32, a: c.a as f32 },
+            prior::Corruption::Masks => Corruption::Masks,
+        },
         guidance: if source.checkpoint.planner.guidance.is_some() { Guidance::OnePass } else { Guidance::TwoPass },
         control: source.control.map(control_config).transpose()?,
     })

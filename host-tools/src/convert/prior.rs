@@ -47,7 +47,7 @@ pub fn inputs(checkpoint: &PriorCheckpoint, tokenizer: &TokenizerCheckpoint, cas
     let numbered: Vec<(usize, &CaptionedMotion)> = cases.iter().enumerate().collect();
     let seen = crate::parallel::map(&numbered, |&(i, case)| {
         let time = (i % TIMES) as f64 / TIMES as f64;
-        let tokens = prior.tmd.corrupt(&case.tokens, time, &mut Stream::new(i as u64));
+        let tokens = prior.sampler.corrupt(&case.tokens, time, &mut Stream::new(i as u64));
         let mut seen = Vec::new();
         prior.observe(&case.words, &tokens, time, &mut |name, rows| seen.push((name, rows.to_vec())));
         seen

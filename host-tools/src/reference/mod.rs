@@ -26,6 +26,8 @@
 //! | [`scaffold`] | anchors to frame features |
 //! | [`control`] | frame features to what the planner sees of anchors |
 //! | [`tmd`] | corruption of tokens and sampling from proposals |
+//! | [`masked`] | masked tokens, the least certain ones again |
+//! | [`sampler`] | which of both a prior has |
 //! | [`prior`] | a prior made ready: prompt to tokens |
 //! | [`published`] | MoMask's and T2M-GPT's planners |
 //! | [`tokenizer`] | a checkpoint made ready: motion to ids, ids to motion |
@@ -40,6 +42,7 @@ pub mod decode_path;
 pub mod decoder;
 pub mod encoder;
 pub mod interval_basis;
+pub mod masked;
 pub mod motion_space;
 pub mod objective;
 pub mod planner;
@@ -53,6 +56,7 @@ pub mod recover;
 pub mod resblock;
 pub mod rigid;
 pub mod route_solver;
+pub mod sampler;
 pub mod scaffold;
 pub mod text;
 pub mod tmd;
@@ -67,4 +71,5 @@ pub use encoder::Encoder;
 pub use prior::Prior;
 pub use quantizer::Quantizer;
 pub use real::Real;
+pub use sampler::Sampler;
 pub use tokenizer::Tokenizer;

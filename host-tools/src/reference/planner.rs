@@ -1,4 +1,4 @@
-//! The planner: noisy tokens, a time and a text to logits over clean tokens.
+//! The planner: noisy or masked tokens, a time and a text to logits over clean tokens.
 //!
 //! Rows are 1 + L: row 0 carries text, time and open ends, row 1 + i token i. Every layer attends over all of them and over the memory
 //! of the text. Anchors add rows that self-attention looks at ([`super::control`]).
@@ -49,6 +49,7 @@ pub struct Planner<T> {
     norm: LayerNorm<T>,
     token: Linear<T>,
     tokens: Embedding<T>,
+    mask: Option<Embedding<T>>,
     width: usize,
 }
 
@@ -71,6 +72,7 @@ impl<T: Real> Planner<T> {
             norm: LayerNorm::new(&p.norm, config.epsilon),
             token: Linear::new(&p.token),
             tokens: Embedding::of_rows(&p.token),
+            mask: p.mask.as_ref().map(Embedding::new),
             width: config.planner.width,
         }
     }
@@ -102,7 +104,7 @@ impl<T: Real> Planner<T> {
     /// Logits `[L][V]` over the clean tokens, given `tokens` at time `time` in `0..1`.
     ///
     /// # Panics
-    /// For a token outside the codebook, or more than [`Planner::max_tokens`] of them.
+    /// For a token outside the codebook that is no masked one, or more than [`Planner::max_tokens`] of them.
     #[must_use]
     pub fn logits(&self, context: &Context<T>, tokens: &[u16], time: f64, window: Window<'_>) -> Vec<T> {
         self.observe(context, tokens, time, window, &mut |_, _, _| ())
@@ -125,7 +127,10 @@ impl<T: Real> Planner<T> {
         self.boundary.add(2 * usize::from(window.start_open) + usize::from(window.end_open), &mut x);
         for (i, &token) in tokens.iter().enumerate() {
             let start = x.len();
-            x.extend_from_slice(self.tokens.row(usize::from(token)));
+            x.extend_from_slice(match &self.mask {
+                Some(mask) if usize::from(token) == self.codes => mask.row(0),
+                _ => self.tokens.row(usize::from(token)),
+            });
             let row = &mut x[start..];
             self.position.add(i, row);
             if !window.end_open {

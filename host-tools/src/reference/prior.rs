@@ -4,8 +4,9 @@ use super::anchors::Anchor;
 use super::control::Control;
 use super::planner::{Context, Planner, Window};
 use super::real::Real;
+use super::sampler::Sampler;
 use super::text::{self, TextEncoder};
-use super::tmd::{Settings, Tmd};
+use super::tmd::Settings;
 use crate::checkpoint::prior::PriorCheckpoint;
 use crate::checkpoint::{ControlCheckpoint, TokenizerCheckpoint};
 
@@ -33,7 +34,7 @@ pub struct Prior<T> {
     /// Anchors to what the planner sees of them.
     pub control: Option<Control<T>>,
     /// Corruption and sampling.
-    pub tmd: Tmd<T>,
+    pub sampler: Sampler<T>,
 }
 
 impl<T: Real> Prior<T> {
@@ -52,7 +53,7 @@ impl<T: Real> Prior<T> {
             text: TextEncoder::new(checkpoint),
             planner: Planner::new(checkpoint),
             control: None,
-            tmd: Tmd::new(codebook, c.code_dim, c.c, c.a),
+            sampler: Sampler::new(c.corruption, (codebook, c.code_dim), (c.c, c.a)),
         }
     }
 
@@ -128,7 +129,7 @@ impl<T: Real> Prior<T> {
         for &(position, _) in &settings.fixed {
             fixed[position] = true;
         }
-        self.tmd.sample(length, settings, |tokens, time| self.logits(guided, tokens, time, &fixed))
+        self.sampler.sample(length, settings, |tokens, time| self.logits(guided, tokens, time, &fixed))
     }
 
     /// Plans `length` tokens of a motion for words.

@@ -208,7 +208,7 @@ fn choose<T: Real>(weights: &[T], u: f32) -> Option<usize> {
 }
 
 /// A clean token from logits.
-fn propose<T: Real>(logits: &[T], sampling: Sampling, stream: &mut Stream) -> u16 {
+pub(super) fn propose<T: Real>(logits: &[T], sampling: Sampling, stream: &mut Stream) -> u16 {
     match sampling {
         Sampling::Greedy => first_largest(logits) as u16,
         Sampling::Gumbel { temperature } => {

@@ -10,7 +10,7 @@ pub mod solvers;
 
 use std::collections::HashSet;
 
-use motionette::blob::{TextTable, TransformerConfig};
+use motionette::blob::{Corruption, TextTable, TransformerConfig};
 use motionette::{Bones, Generator, Request, Understood};
 use serde::Serialize;
 
@@ -226,6 +226,11 @@ pub fn check_same_prior(blob: &BlobFile, prior: &PriorCheckpoint) -> Result<(), 
         ("longest prompt", usize::from(text.max_words), c.max_words),
         ("longest motion", usize::from(manifest.generator.max_tokens()), c.max_tokens),
         ("number of codes", usize::from(manifest.codec.decoder().codes), c.codes),
+        (
+            "whether tokens are masked",
+            usize::from(planner.corruption == Corruption::Masks),
+            usize::from(!c.corruption.is_near()),
+        ),
     ];
     pairs.extend(text.encoder.words().into_iter().flat_map(|encoder| transformer(&encoder.transformer, c.text)));
     pairs.extend(transformer(&planner.transformer, c.planner));

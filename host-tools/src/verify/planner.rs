@@ -94,10 +94,11 @@ pub fn verify(
         Ok(rounded.logits(&case.guided(&rounded, 1.0), z, time, &[]))
     };
     let weights = agreement(cases, &exact, rounded, &progress)?;
-    let planning = Planning::default();
+    let planning = blob.model()?.default_planning();
     let settings = Settings { steps: usize::from(planning.steps), ..Settings::default() };
     let tokens = |case: &CaptionedMotion, settings: &Settings| -> Result<Vec<u16>, Error> {
-        let request = Request::text(&case.prompt).length(Length::Tokens(case.tokens.len() as u16)).seed(settings.seed);
+        let length = Length::Tokens(case.tokens.len() as u16);
+        let request = Request::text(&case.prompt).planned(Planning { length, seed: settings.seed, ..planning });
         // Seen by the planner, and nothing else: tokens are compared.
         Ok(super::run(blob, &case.id, &request.anchors(&runtime_anchors(&case.anchors)))?.tokens)
     };
@@ -152,7 +153,7 @@ pub fn agreement<E: Send>(
         let mut stream = Stream::new(seed as u64);
         let mut sums = [(0_usize, 0.0); TIMES.len()];
         for (sum, time) in sums.iter_mut().zip(TIMES) {
-            let z = exact.tmd.corrupt(&case.tokens, time, &mut stream);
+            let z = exact.sampler.corrupt(&case.tokens, time, &mut stream);
             let (a, b) = (exact.logits(&guided, &z, time, &[]), logits(case, &z, time)?);
             let rows = a.chunks_exact(exact.planner.codes).zip(b.chunks_exact(exact.planner.codes));
             for (a, b) in rows {

@@ -12,7 +12,7 @@ use super::checkpoints::{self, prior_config, prior_metadata, tokenizer_metadata}
 
 const BANK: &str = "# two prompts\nwave\ta person waves\n\nfly\tA person flying!\n";
 
-/// A folder with a tokenizer, two priors of its tokens and a bank file.
+/// A folder with a tokenizer, three priors of its tokens, one of them of masked ones, and a bank file.
 pub struct Bench {
     /// Deleted with the bench.
     pub folder: tempfile::TempDir,
@@ -34,6 +34,8 @@ impl Bench {
             let metadata = prior_metadata(&prior_config(norm, activation));
             bench.write(&format!("{name}.prior.safetensors"), &checkpoints::bytes(&checkpoints::prior(5), metadata));
         }
+        let masked = checkpoints::bytes(&checkpoints::masked(5), prior_metadata(&checkpoints::masked_config()));
+        bench.write("m.prior.safetensors", &masked);
         bench.write("bank.txt", BANK.as_bytes());
         bench
     }

@@ -146,6 +146,18 @@ pub fn prior_checkpoint(seed: u64, norm: &str, activation: &str) -> prior::Prior
     prior::PriorCheckpoint::build(&prior(seed), config).expect("a good checkpoint")
 }
 
+/// Configuration of a small prior of masked tokens.
+pub fn masked_config() -> String {
+    prior_config("pre", "gelu").replace(r#""c": 3.0, "a": 0.9"#, r#""corruption": "masks""#)
+}
+
+/// Every tensor of it.
+pub fn masked(seed: u64) -> TensorMap {
+    let mut map = prior(seed);
+    map.insert("planner.mask.weight", random_tensor(&mut Random(seed + 1), &[1, 12], 1.0, 0.0));
+    map
+}
+
 /// Numbers of a word's vector in [`understanding`].
 pub const DIMS: usize = 16;
 

@@ -42,9 +42,14 @@ pub fn prepare_tokenizer(folder: &Path) {
 
 /// The same, and a prior `prior.safetensors` of them.
 pub fn prepare_prior(folder: &Path) {
+    prepare_prior_of(folder, "near");
+}
+
+/// The same of tokens that are corrupted like this.
+pub fn prepare_prior_of(folder: &Path, corruption: &str) {
     prepare_tokenizer(folder);
     let line = "--data @data.mds --tokenizer @tokenizer.safetensors --out @prior --preset tiny --steps 20";
-    prior::command::run(&args(folder, line)).unwrap();
+    prior::command::run(&args(folder, &format!("{line} --set corruption={corruption}"))).unwrap();
 }
 
 /// A training that fails before step `at`.

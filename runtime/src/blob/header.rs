@@ -7,7 +7,7 @@ pub const MAGIC: [u8; 4] = *b"MNTB";
 /// Major format version: readers refuse others.
 pub const MAJOR: u16 = 4;
 /// Newest minor format version: a blob says the oldest one that has all that is in it.
-pub const MINOR: u16 = 2;
+pub const MINOR: u16 = 3;
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 32;
 /// Alignment of the blob and of every tensor, bytes.

@@ -24,7 +24,7 @@ pub use manifest::{Card, SelfTest, Skeleton};
 // What the host tools write blobs with.
 #[doc(hidden)]
 pub use manifest::{
-    Codec, ControlConfig, DecoderConfig, Generator, Guidance, HeadConfig, HumanMl3d, MAX_BANK, MAX_BLOCKS,
+    Codec, ControlConfig, Corruption, DecoderConfig, Generator, Guidance, HeadConfig, HumanMl3d, MAX_BANK, MAX_BLOCKS,
     MAX_CONVOLUTIONS, MAX_STAGES, MAX_VOCABULARY, Manifest, PhraseBank, PlannerConfig, PrefixConfig, Representation,
     ResidualConfig, SELF_TEST_NUMBERS, SKELETON_BYTES, TextConfig, TextEncoderConfig, TextEncoding, TextLength,
     TextTable,

@@ -1,6 +1,6 @@
 //! What a blob needs of this build: families are cargo features, and one that was left out is refused by its name.
 
-use crate::blob::{Codec, Error, Generator, Manifest};
+use crate::blob::{Codec, Corruption, Error, Generator, Manifest, PlannerConfig};
 
 /// A family that a blob may need, a cargo feature of this crate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,14 +21,15 @@ pub fn cargo_features(manifest: &Manifest<'_>) -> [CargoFeature; 7] {
     let control = planner.is_some_and(|planner| planner.control.is_some());
     let residual = prefix.is_some_and(|planner| planner.residual.is_some());
     let encoder = manifest.text.as_ref().is_some_and(|text| text.encoder.words().is_some());
-    let (masked, turns) = match &manifest.generator {
-        Generator::Masked(_) => (true, false),
-        Generator::Autoregressive(_) => (false, true),
-        Generator::Given { .. } | Generator::Tmd(_) => (false, false),
+    let (tmd, masked, turns) = match &manifest.generator {
+        Generator::Words(PlannerConfig { corruption: Corruption::Near { .. }, .. }) => (true, false, false),
+        Generator::Words(_) | Generator::Masked(_) => (false, true, false),
+        Generator::Autoregressive(_) => (false, false, true),
+        Generator::Given { .. } => (false, false, false),
     };
     [
         CargoFeature { name: "vq", needed: true, linked: cfg!(feature = "vq") },
-        CargoFeature { name: "tmd", needed: planner.is_some(), linked: cfg!(feature = "tmd") },
+        CargoFeature { name: "tmd", needed: tmd, linked: cfg!(feature = "tmd") },
         CargoFeature { name: "masked", needed: masked, linked: cfg!(feature = "masked") },
         CargoFeature { name: "autoregressive", needed: turns, linked: cfg!(feature = "autoregressive") },
         CargoFeature { name: "residual", needed: residual, linked: cfg!(feature = "residual") },

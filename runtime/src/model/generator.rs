@@ -2,7 +2,7 @@
 
 use super::MAX_TOKENS;
 use super::value::{MAX_WIDTH, all_at_most, at_most, transformer, within};
-use crate::blob::{Codec, Error, Generator, TextConfig, TextEncoding};
+use crate::blob::{Codec, Corruption, Error, Generator, TextConfig, TextEncoding};
 #[cfg(any(feature = "masked", feature = "autoregressive"))]
 use crate::blob::{HeadConfig, PrefixConfig};
 #[cfg(any(feature = "masked", feature = "autoregressive"))]
@@ -23,14 +23,16 @@ pub(super) fn check(generator: &Generator, codec: &Codec, text: Option<&TextConf
     if let Some(prefix) = generator.prefix() {
         return check_prefix(prefix, codec, text);
     }
-    let Generator::Tmd(planner) = generator else { return Ok(()) };
+    let Generator::Words(planner) = generator else { return Ok(()) };
     if text.is_some_and(|text| text.encoder == TextEncoding::Vectors) {
         return Err(Error::Config { what: "text.encoder of a planner that reads words", found: 2, limit: 1 });
     }
     transformer(&planner.transformer)?;
     at_most("codec.quantizers with a planner", u32::from(codec.decoder().quantizers), 1)?;
-    within("generator.c", planner.c, 1e-6, 1e3)?;
-    within("generator.a", planner.a, 1e-6, 4.0)?;
+    if let Corruption::Near { c, a } = planner.corruption {
+        within("generator.c", c, 1e-6, 1e3)?;
+        within("generator.a", a, 1e-6, 4.0)?;
+    }
     let Some(control) = &planner.control else { return Ok(()) };
     transformer(&control.scaffold)?;
     all_at_most(&[

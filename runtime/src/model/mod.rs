@@ -98,8 +98,8 @@ impl<'a> Model<'a> {
             Some(config) => Some(Text::open(&mut tensors, config, max_tokens)?),
         };
         let (mut planner, mut control) = (None, None);
-        if cfg!(feature = "tmd")
-            && let (Generator::Tmd(generator), Some(text)) = (&manifest.generator, &text)
+        if cfg!(any(feature = "tmd", feature = "masked"))
+            && let (Generator::Words(generator), Some(text)) = (&manifest.generator, &text)
         {
             let opened = Planner::open(&mut tensors, generator, text, config.codes)?;
             if cfg!(feature = "anchor-control")

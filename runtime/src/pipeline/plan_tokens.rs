@@ -132,7 +132,7 @@ pub(super) fn plan_tokens(
     let steps = if in_turn { 0 } else { planning.steps };
     for step in 0..steps {
         end.watch.evaluation = first.saturating_add(step + 1);
-        let time = planning.schedule.time(step, planning.steps);
+        let time = session.time(planning, step);
         match session.pass(tokens, time, planning, &mut || end.ask()) {
             ControlFlow::Continue(()) => {}
             ControlFlow::Break(Stop::Abort) => return Err(Error::Aborted),

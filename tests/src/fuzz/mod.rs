@@ -17,7 +17,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
-use motionette::blob::{Activation, ControlConfig, Norm, TransformerConfig};
+use motionette::blob::{Activation, ControlConfig, Corruption, Norm, TransformerConfig};
 use motionette::numerics::hash::Stream;
 use motionette::{Generator, Model, Request};
 
@@ -74,7 +74,7 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
         ("planner-of-two-layers", with(deep)),
         ("stored-prompts", with(stored.clone())),
         ("text-without-planner", with(unplanned)),
-        ("anchors", with(controlled)),
+        ("anchors", with(controlled.clone())),
         ("anchors-of-two-families", with(PriorShape { control: two, ..stored })),
         ("planner-of-four-bits", with(PriorShape { planner: whole, packed: true, ..prior })),
         ("causal", Shape { width: 1, ..base.clone() }.causal()),
@@ -86,6 +86,7 @@ pub fn corpus() -> Vec<(&'static str, Tiny)> {
         ("masked-and-residual", Shape { quantizers: 3, codes: 3, ..whole_of_momask }),
         ("autoregressive", given(turns)),
         ("autoregressive-of-16-bits", given(PrefixShape { wide: true, ..turns })),
+        ("masked-words", with(PriorShape { corruption: Corruption::Masks, one_pass: true, ..controlled })),
     ];
     shapes.into_iter().enumerate().map(|(seed, (name, shape))| (name, Tiny::new(shape, seed as u64))).collect()
 }

@@ -122,6 +122,25 @@ pub struct Meaning {
     pub phrase: String,
 }
 
+/// What the planner recovers clean tokens from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Corruption {
+    /// Tokens that moved to near codes (TMD).
+    #[default]
+    Near,
+    /// Tokens some of which are masked.
+    Masks,
+}
+
+impl Corruption {
+    /// Whether it is [`Corruption::Near`], which was all there was once.
+    #[must_use]
+    pub fn is_near(&self) -> bool {
+        *self == Self::Near
+    }
+}
+
 /// Sizes and provenance of a prior (text encoder and planner).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PriorConfig {
@@ -160,9 +179,14 @@ pub struct PriorConfig {
     pub norm: NormOrder,
     /// Nonlinearity of the feed-forward sublayers.
     pub activation: Activation,
-    /// Factor of `beta(t) = c (t / (1 - t))^a`.
+    /// What the planner recovers clean tokens from.
+    #[serde(default, skip_serializing_if = "Corruption::is_near")]
+    pub corruption: Corruption,
+    /// Factor of `beta(t) = c (t / (1 - t))^a`, of account where tokens move to near codes.
+    #[serde(default)]
     pub c: f64,
     /// Its exponent.
+    #[serde(default)]
     pub a: f64,
     /// SHA-256, hex, over the little-endian bytes of the tokenizer's f32 codebook.
     pub tokenizer: String,
@@ -215,8 +239,10 @@ impl PriorConfig {
         check_extent("code_dim", self.code_dim, MAX_EXTENT)?;
         self.text.check("text")?;
         self.planner.check("planner")?;
-        for (key, value) in [("epsilon", self.epsilon), ("c", self.c), ("a", self.a)] {
-            check_positive(key, value)?;
+        check_positive("epsilon", self.epsilon)?;
+        if self.corruption.is_near() {
+            check_positive("c", self.c)?;
+            check_positive("a", self.a)?;
         }
         self.check_vocabulary()?;
         self.check_words()?;

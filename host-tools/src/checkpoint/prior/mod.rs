@@ -8,8 +8,8 @@ pub(super) mod config;
 use std::path::Path;
 
 pub use config::{
-    Activation, BOUNDARIES, Form, MAX_PHRASE, MAX_WORD, Meaning, NormOrder, PriorConfig, STRENGTHS, Sizes, TIMES,
-    UNCONDITIONAL, UNKNOWN,
+    Activation, BOUNDARIES, Corruption, Form, MAX_PHRASE, MAX_WORD, Meaning, NormOrder, PriorConfig, STRENGTHS, Sizes,
+    TIMES, UNCONDITIONAL, UNKNOWN,
 };
 
 use sha2::{Digest, Sha256};
@@ -170,6 +170,8 @@ pub struct Planner {
     pub fixed: Embedding,
     /// [`STRENGTHS`] rows by the strength of guidance, of a planner that is told it; without them guidance takes two passes.
     pub guidance: Option<Embedding>,
+    /// One row, of a masked token, where tokens are masked.
+    pub mask: Option<Embedding>,
     /// In order of execution.
     pub layers: Vec<Block>,
     /// Behind the last layer.
@@ -358,6 +360,7 @@ impl PriorCheckpoint {
             end: builder.embedding("planner.end", config.max_tokens, d)?,
             fixed: builder.embedding("planner.fixed", 1, d)?,
             guidance: config.guidance.then(|| builder.embedding("planner.guidance", STRENGTHS, d)).transpose()?,
+            mask: (!config.corruption.is_near()).then(|| builder.embedding("planner.mask", 1, d)).transpose()?,
             layers: builder.layers("planner", config.planner, Some(dt))?,
             norm: builder.norm("planner.norm".into(), d)?,
             token: builder.linear("planner.token".into(), config.codes, d)?,
@@ -436,7 +439,7 @@ impl PriorCheckpoint {
         let tables = [&p.time, &p.boundary, &p.position, &p.end, &p.fixed];
         let mut parts = vec![Part::Linear(&p.global)];
         parts.extend(tables.map(Part::Embedding));
-        parts.extend(p.guidance.as_ref().map(Part::Embedding));
+        parts.extend([&p.guidance, &p.mask].into_iter().flatten().map(Part::Embedding));
         p.layers.iter().for_each(|b| b.parts(&mut parts));
         parts.extend([Part::Norm(&p.norm), Part::Linear(&p.token)]);
         parts
@@ -457,7 +460,7 @@ impl PriorCheckpoint {
         parts.push(PartMut::Linear(&mut p.global));
         let tables = [&mut p.time, &mut p.boundary, &mut p.position, &mut p.end, &mut p.fixed];
         parts.extend(tables.map(PartMut::Embedding));
-        parts.extend(p.guidance.as_mut().map(PartMut::Embedding));
+        parts.extend([&mut p.guidance, &mut p.mask].into_iter().flatten().map(PartMut::Embedding));
         p.layers.iter_mut().for_each(|b| b.parts_mut(&mut parts));
         parts.extend([PartMut::Norm(&mut p.norm), PartMut::Linear(&mut p.token)]);
         parts

@@ -6,9 +6,9 @@
 mod v3;
 
 use motionette::blob::{
-    Activation, Card, Codec, ControlConfig, DecoderConfig, Generator, Guidance, HEADER_LEN, HumanMl3d, MAGIC, MAJOR,
-    MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton, TextConfig,
-    TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
+    Activation, Card, Codec, ControlConfig, Corruption, DecoderConfig, Generator, Guidance, HEADER_LEN, HumanMl3d,
+    MAGIC, MAJOR, MAX_STAGES, Manifest, Norm, PhraseBank, PlannerConfig, Representation, SelfTest, Skeleton,
+    TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable, TransformerConfig,
 };
 use motionette::{Model, blob};
 use sha2::{Digest, Sha256};
@@ -147,11 +147,10 @@ fn manifest<'a>(old: &v3::Manifest<'a>, skeleton: &'a [u8; blob::SKELETON_BYTES]
         }
         (Some(planner), control) => {
             let v3::Sampler::Tmd { c, a } = planner.sampler;
-            Generator::Tmd(PlannerConfig {
+            Generator::Words(PlannerConfig {
                 max_tokens,
                 transformer: transformer(planner.transformer),
-                c,
-                a,
+                corruption: Corruption::Near { c, a },
                 guidance: Guidance::TwoPass,
                 control: control.as_ref().map(|control| ControlConfig {
                     scaffold: transformer(control.scaffold),

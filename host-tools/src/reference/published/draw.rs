@@ -1,7 +1,6 @@
 //! Choices of a class from logits.
 
 use crate::reference::real::Real;
-use crate::reference::transformer::softmax;
 
 /// What noise is kept above.
 const LEAST: f64 = 1e-20;
@@ -45,13 +44,6 @@ impl Choice {
         }
         best.map_or(0, |(_, class)| class)
     }
-}
-
-/// The probability of a class.
-pub fn probability<T: Real>(logits: &[T], class: usize) -> T {
-    let mut all = logits.to_vec();
-    softmax(&mut all);
-    all[class]
 }
 
 /// `unconditional + (conditional - unconditional) scale`.

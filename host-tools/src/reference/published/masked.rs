@@ -1,10 +1,10 @@
-//! Masked planning (MoMask 3.4, MaskGIT): all positions are drawn at once, the least certain ones are masked again.
+//! The published masked process ([`crate::reference::masked`]): noisy choices, even times, nothing given.
 
-use super::draw::{Choice, probability};
+use super::draw::Choice;
+pub use crate::reference::masked::Step;
+use crate::reference::masked::{self, times};
 use crate::reference::real::Real;
-
-/// Of a position that was not masked: it is never masked again.
-const KEPT: f64 = 1e5;
+use crate::reference::tmd::Schedule;
 
 /// How a motion is planned.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,31 +21,6 @@ impl Default for Settings {
     }
 }
 
-/// A step of the process.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Step<T> {
-    /// Positions that were masked.
-    pub masked: usize,
-    /// What the network read; V where a position was masked.
-    pub before: Vec<usize>,
-    /// What was drawn, for masked positions and others.
-    pub drawn: Vec<usize>,
-    /// The tokens then.
-    pub after: Vec<usize>,
-    /// How probable a token was, `1e5` where it had been there.
-    pub scores: Vec<T>,
-    /// Logits `[L][V]`.
-    pub logits: Vec<T>,
-}
-
-/// Positions that are masked in a step: `max(1, round(cos(pi / 2 * step / (steps - 1)) length))`, halves to the even number.
-#[must_use]
-pub fn masked(step: usize, steps: usize, length: usize) -> usize {
-    let time = if steps > 1 { step as f32 / (steps - 1) as f32 } else { 0.0 };
-    let share = (time * core::f32::consts::PI * 0.5).cos();
-    ((share * length as f32).round_ties_even() as usize).max(1)
-}
-
 /// Plans `length` tokens of V `codes`; `logits` gives `[L][V]` for tokens some of which are V, `uniform` the number of a step, position and class.
 /// Every step comes back, the last holds the result.
 pub fn plan<T: Real>(
@@ -54,53 +29,32 @@ pub fn plan<T: Real>(
     mut logits: impl FnMut(&[usize]) -> Vec<T>,
     mut uniform: impl FnMut(usize, usize, usize) -> f32,
 ) -> Vec<Step<T>> {
-    let mut tokens = vec![codes; length];
-    let mut scores = vec![T::ZERO; length];
-    let mut steps = Vec::with_capacity(settings.steps);
-    for step in 0..settings.steps {
-        let count = masked(step, settings.steps, length);
-        let mut order: Vec<usize> = (0..length).collect();
-        order.sort_by(|&a, &b| scores[a].partial_cmp(&scores[b]).unwrap_or(core::cmp::Ordering::Equal));
-        let mut is_masked = vec![false; length];
-        for &position in order.iter().take(count) {
-            (is_masked[position], tokens[position]) = (true, codes);
-        }
-        let before = tokens.clone();
-        let all = logits(&before);
-        let mut drawn = Vec::with_capacity(length);
-        for (position, logits) in all.chunks_exact(codes).enumerate() {
-            let mut class = 0;
-            let token = settings.choice.draw(logits, || {
-                class += 1;
-                uniform(step, position, class - 1)
-            });
-            drawn.push(token);
-            if is_masked[position] {
-                tokens[position] = token;
-            }
-            scores[position] = match is_masked[position] {
-                true => probability(logits, token),
-                false => T::from_f64(KEPT),
-            };
-        }
-        let after = tokens.clone();
-        steps.push(Step { masked: count, before, drawn, after, scores: scores.clone(), logits: all });
-    }
-    steps
+    let draw = |step: usize, position: usize, logits: &[T]| {
+        let mut class = 0;
+        settings.choice.draw(logits, || {
+            class += 1;
+            uniform(step, position, class - 1)
+        })
+    };
+    let times = times(Schedule::Uniform, settings.steps);
+    masked::plan((vec![codes; length], codes), &times, |tokens, _| logits(tokens), draw)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reference::masked::masked;
 
     /// The published counts, as the fixtures of MoMask's format name them.
     #[test]
     fn the_published_schedule() {
-        let counts = |steps: usize| (0..steps).map(|step| masked(step, steps, 49)).collect::<Vec<_>>();
+        let counts = |steps: usize| -> Vec<usize> {
+            times(Schedule::Uniform, steps).into_iter().map(|time| masked(time, 49)).collect()
+        };
         assert_eq!(counts(10), [49, 48, 46, 42, 38, 31, 24, 17, 9, 1]);
         assert_eq!(counts(18), [49, 49, 48, 47, 46, 44, 42, 39, 36, 33, 30, 26, 22, 18, 13, 9, 5, 1]);
         assert_eq!(counts(1), [49]);
-        assert_eq!(masked(0, 4, 1), 1);
+        assert_eq!(masked(0.0, 1), 1);
     }
 
     /// For every length and number of steps: fewer positions are masked in every step, those of the least certain tokens, and what was not

@@ -7,7 +7,7 @@
 //! | [`momask`] | mask and residual transformer |
 //! | [`t2mgpt`] | T2M-GPT's transformer |
 //! | [`draw`] | filtered and noisy choices |
-//! | [`masked`] | confidence re-masking |
+//! | [`masked`] | confidence re-masking, as it is published |
 //! | [`residual`] | one pass for each further layer of codes |
 //! | [`autoregressive`] | a token at a time until the stop class |
 

@@ -2,8 +2,9 @@
 
 use burn::tensor::Device;
 use motionette_host::reference::Anchor;
+use motionette_host::reference::Sampler;
 use motionette_host::reference::scaffold::{self, Statistics};
-use motionette_host::reference::tmd::{Settings, Tmd};
+use motionette_host::reference::tmd::Settings;
 
 use super::checkpoint::Checkpoint;
 use super::config::Config;
@@ -28,7 +29,7 @@ pub struct Planner {
     frozen: Frozen,
     vocabulary: Vocabulary,
     prior: Weights,
-    tmd: Tmd<f32>,
+    sampler: Sampler<f32>,
     control: Option<Control>,
 }
 
@@ -43,9 +44,11 @@ impl Planner {
         });
         let vocabulary = frozen.prior.sources.vocabulary();
         let t = &frozen.tokenizer;
-        let (c, a) = (f64::from(frozen.prior.config.c), f64::from(frozen.prior.config.a));
-        let tmd = Tmd::new(&t.codebook, t.config.architecture.code_dim, c, a);
-        Self { frozen, vocabulary, prior, tmd, control }
+        let config = &frozen.prior.config;
+        let (codebook, beta) =
+            ((&t.codebook[..], t.config.architecture.code_dim), (f64::from(config.c), f64::from(config.a)));
+        let sampler = Sampler::new(config.corruption, codebook, beta);
+        Self { frozen, vocabulary, prior, sampler, control }
     }
 
     /// Parameters of the control.
@@ -103,6 +106,6 @@ impl Planner {
             }
             logits
         };
-        self.tmd.sample(tokens, settings, logits).pop().unwrap_or_default()
+        self.sampler.sample(tokens, settings, logits).pop().unwrap_or_default()
     }
 }

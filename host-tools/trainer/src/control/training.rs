@@ -188,7 +188,7 @@ impl<'d> Trainer<'d> {
         let layout = layout(config, frozen);
         let (prior, tokenizer) = (&frozen.prior.config, &frozen.tokenizer);
         Self {
-            metric: Metric::new(&tokenizer.codebook, tokenizer.config.architecture.code_dim, prior.c, prior.a),
+            metric: Metric::new(&tokenizer.codebook, tokenizer.config.architecture.code_dim, prior),
             networks: frozen.on(&device),
             teacher: frozen.prior.sources.guidance.then(|| frozen.on(&Device::flex()).prior),
             shown: frozen.examples(config),
@@ -267,7 +267,7 @@ impl Training for Trainer<'_> {
                 if *wanted == Wanted::Far {
                     labelled.example.t *= FAR_LATEST;
                     let Labelled { example, clean, .. } = labelled;
-                    example.z = clean.iter().map(|c| self.metric.corrupt(*c, example.t, &mut random)).collect();
+                    example.z = self.metric.corrupt(clean, &example.fixed, example.t, &mut random);
                 }
                 if config.guided > 0.0 && self.teacher.is_some() && *wanted != Wanted::Clean {
                     labelled.example.strength = strength(&mut random);

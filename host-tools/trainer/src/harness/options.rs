@@ -127,8 +127,8 @@ fn changed<C: Serialize + DeserializeOwned>(config: &C, change: &str) -> anyhow:
     let pointer: String = part.split_terminator('.').flat_map(|part| ["/", part]).collect();
     let unknown = || format!("--set {change}: there is no setting {field}");
     let place = tree.pointer_mut(&pointer).and_then(Value::as_object_mut).with_context(unknown)?;
-    let value: Value =
-        serde_json::from_str(value).with_context(|| format!("--set {change}: {value} is not a value"))?;
+    // A word needs no quotation marks.
+    let value: Value = serde_json::from_str(value).unwrap_or_else(|_| json!(value));
     // A setting that is not written while it has its default is known to the configuration alone.
     let written = place.insert(name.to_owned(), value.clone()).is_some();
     serde_json::from_value(tree).map_err(|error| {

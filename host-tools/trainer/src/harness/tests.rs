@@ -268,7 +268,7 @@ fn options_name_files_and_change_settings() {
     for (more, what) in [
         ("--set batch", "FIELD=VALUE"),
         ("--set schedule.charm=1", "there is no setting schedule.charm"),
-        ("--set batch=x", "is not a value"),
+        ("--set batch=x", "does not fit"),
         ("--set batch=-1", "does not fit"),
         ("--set batch=0", "batch is 0"),
         ("--set schedule.learning_rate=0", "learning_rate"),

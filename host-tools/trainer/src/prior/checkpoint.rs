@@ -53,6 +53,7 @@ pub fn save(state: &State, path: &Path, report: &Report) -> Result<(), Error> {
         "epsilon": EPSILON,
         "norm": "pre",
         "activation": "gelu",
+        "corruption": config.corruption,
         "c": config.c,
         "a": config.a,
         "tokenizer": sources.tokenizer,

@@ -11,13 +11,13 @@ use motionette_host::dataset::Dataset;
 use motionette_host::import::phrases::Phrases;
 use serde_json::json;
 
-use super::checkpoint;
 use super::config::Config;
 use super::corpus::Material;
 use super::corruption::Metric;
 use super::sentences::Sentences;
 use super::state::{Sources, State};
 use super::training::{Teacher, Trainer};
+use super::{Error, checkpoint};
 use crate::evaluate::prompts::file;
 use crate::harness::options::{finish, with_default};
 use crate::harness::{Length, Options, Run};
@@ -50,8 +50,9 @@ pub struct Args {
     #[arg(long, value_name = "FILE", conflicts_with = "words")]
     pub teacher: Option<PathBuf>,
     /// A prior whose weights, words, meanings and configuration the run begins with, instead of random ones. Its tokenizer may be another
-    /// with as many codes: tokens mean much the same where one tokenizer was trained on from the other. With a teacher it is a student that
-    /// learns on.
+    /// with as many codes: tokens mean much the same where one tokenizer was trained on from the other. Its tokens may be corrupted otherwise
+    /// (`--set corruption=masks` or `near`): the row of masked tokens is then new, or dropped, and all others are its. With a teacher it is a
+    /// student that learns on.
     #[arg(long, value_name = "FILE", conflicts_with = "words")]
     pub from: Option<PathBuf>,
     /// Configuration to begin with: nano, micro or tiny; with a teacher or another prior it is that one's.
@@ -111,7 +112,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             };
             ensure!(of(student) == of(other), "the student has other sizes or words than its teacher");
         }
+        let expected = config.corruption;
         if args.teacher.is_some() {
+            for (path, prior) in Some((path, other)).into_iter().chain(args.from.as_deref().zip(student.as_ref())) {
+                let found = prior.config.corruption;
+                if found != expected {
+                    return Err(Error::Corruption { path: path.to_path_buf(), found, expected }.into());
+                }
+            }
             ensure!(own.tokenizer == sources.tokenizer, "{} plans the tokens of another tokenizer", path.display());
             sources.guidance = true;
             sources.teacher = Some(file_hash(path)?);
@@ -120,6 +128,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                 |sources: &Sources, config: &Config| (sources.codes, sources.code_dim, config.architecture.clone());
             let alike = sizes(own, &other.config) == sizes(&sources, &config);
             ensure!(alike, "{} has other sizes: the run has those of its tokenizer and settings", path.display());
+            if other.config.corruption != expected {
+                let row = if expected.is_near() { "is dropped" } else { "begins anew" };
+                remark(&format!("{} is of another corruption: the row of masked tokens {row}", path.display()));
+            }
         }
     }
     let state = args.options.state(&config, &sources, || {
@@ -138,7 +150,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         sources.meanings.len(),
         state.optimizer.values.len(),
     ));
-    let metric = Metric::new(&tokenizer.codebook, codes.code_dim, config.c, config.a);
+    let metric = Metric::new(&tokenizer.codebook, codes.code_dim, &config);
     let mut trainer = Trainer::new(sources.layout(&config), training, material.held_out()?, metric);
     if let (Some(teacher), true) = (&other, args.teacher.is_some()) {
         trainer = trainer.taught(Teacher::new(teacher));

@@ -1,5 +1,6 @@
 //! What a run of the prior is made of: sizes, corruption, augmentation, schedule.
 
+use motionette_host::checkpoint::prior::Corruption;
 use serde::{Deserialize, Serialize};
 
 use super::curves::{Point, panels};
@@ -51,7 +52,10 @@ pub struct Config {
     pub average_decay: f32,
     /// Share of activations that residual branches drop.
     pub dropout: f32,
-    /// Corruption: `beta(t) = c (t / (1 - t))^a`.
+    /// What clean tokens are recovered from: tokens that moved to near codes, or masks.
+    #[serde(default, skip_serializing_if = "Corruption::is_near")]
+    pub corruption: Corruption,
+    /// How far tokens move to near codes: `beta(t) = c (t / (1 - t))^a`. Of no account for masks.
     pub c: f32,
     /// The exponent of it.
     pub a: f32,
@@ -107,6 +111,7 @@ impl Config {
             clip: 1.0,
             average_decay: 0.999,
             dropout: 0.1,
+            corruption: Corruption::Near,
             c: 3.0,
             a: 0.9,
             text_dropout: 0.1,

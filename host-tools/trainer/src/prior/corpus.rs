@@ -259,7 +259,7 @@ impl<'d> Corpus<'d> {
         let places = pieces[start..end].iter().map(|piece| piece.place).collect();
         let fixed = fixed(clean.len(), random.unit() < config.fixed, random);
         let t = random.unit() as f32;
-        let z = clean.iter().zip(&fixed).map(|(c, f)| if *f { *c } else { metric.corrupt(*c, t, random) }).collect();
+        let z = metric.corrupt(&clean, &fixed, t, random);
         let sequence = said.is_some();
         let said = said
             .unwrap_or_else(|| self.sentences.draw(&self.dataset.clip(motion.clip), motion.mirrored, config, random));
@@ -402,10 +402,10 @@ impl<'d> Corpus<'d> {
         for (index, motion) in self.motions.iter().enumerate() {
             let clean: Vec<u16> = motion.phases[0].iter().copied().take(MAX_TOKENS).collect();
             let mut random = Random::new(index as u64, u64::from(t.to_bits()));
-            let z = clean.iter().map(|c| metric.corrupt(*c, t, &mut random)).collect();
             let words = self.sentences.first(&self.dataset.clip(motion.clip), motion.mirrored, max_words);
             let end_open = motion.phases[0].len() > MAX_TOKENS;
             let fixed = vec![false; clean.len()];
+            let z = metric.corrupt(&clean, &fixed, t, &mut random);
             let length = (!end_open).then_some(clean.len());
             let example = Example { words, z, fixed, t, start_open: false, end_open, strength: 1.0 };
             let places = (0..clean.len()).map(|i| Place { motion: index, frame: FRAMES_PER_TOKEN * i }).collect();

@@ -1,4 +1,4 @@
-//! The prior: text encoder and planner, trained to undo the corruption of motion tokens (EQUATIONS section 4).
+//! The prior: text encoder and planner, trained to undo the corruption of motion tokens (EQUATIONS section 4), or to fill in masked ones.
 //!
 //! | module | what it does |
 //! |---|---|
@@ -6,7 +6,7 @@
 //! | [`captions`] | words, vocabulary, mirrored sentences |
 //! | [`sentences`] | what is said of motions, and what it means |
 //! | [`corpus`] | motions as tokens, and the examples drawn from them |
-//! | [`corruption`] | tokens that move to near codes |
+//! | [`corruption`] | tokens that move to near codes, or are masked |
 //! | [`model`] | text encoder and planner |
 //! | [`training`] | one step |
 //! | [`state`] | what a run belongs to and begins with |
@@ -30,6 +30,9 @@ mod tests;
 pub mod training;
 pub mod validation;
 
+use std::path::PathBuf;
+
+use motionette_host::checkpoint::prior::Corruption;
 use motionette_host::dataset::Split;
 use motionette_host::motion::features;
 
@@ -51,6 +54,16 @@ pub enum Error {
         clip: String,
         /// Why not.
         source: features::Error,
+    },
+    /// A student would learn of a teacher whose tokens are corrupted otherwise.
+    #[error("{} has corruption {found:?}, the run's is {expected:?}: teacher and student must have the same", path.display())]
+    Corruption {
+        /// The other prior.
+        path: PathBuf,
+        /// Its corruption.
+        found: Corruption,
+        /// That of the run.
+        expected: Corruption,
     },
     /// The run or one of its files.
     #[error(transparent)]

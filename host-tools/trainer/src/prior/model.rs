@@ -3,19 +3,22 @@
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::captions::UNCONDITIONAL;
-use super::config::{Architecture, MAX_TOKENS, TIME_BINS};
+use super::config::{Architecture, Config, MAX_TOKENS, TIME_BINS};
 use super::state::Sources;
 use crate::transformer::{Attended, Dropout, Guest, Layout, Rows, Weights, padding};
 use motionette_host::checkpoint::prior::{SPECIAL, STRENGTHS};
 
 /// Deviation of embeddings at the start.
 const EMBEDDING: f64 = 0.1;
+/// The row of a masked token.
+const MASK: &str = "planner.mask";
 /// Gain of the layer that takes words' vectors, which are no longer than 1.
 const PROJECTION: f64 = 3.0;
 
 /// All parameters in the order of the checkpoint.
-pub fn layout(a: &Architecture, sources: &Sources) -> Layout {
+pub fn layout(config: &Config, sources: &Sources) -> Layout {
     let mut layout = Layout::default();
+    let a = &config.architecture;
     let (text, planner) = (&a.text, &a.planner);
     let (words, dims) = (sources.vocabulary.len(), sources.word_vectors);
     if dims == 0 {
@@ -42,6 +45,9 @@ pub fn layout(a: &Architecture, sources: &Sources) -> Layout {
     if sources.guidance {
         layout.embedding("planner.guidance", STRENGTHS, planner.width, 0.0);
     }
+    if !config.corruption.is_near() {
+        layout.embedding(MASK, 1, planner.width, EMBEDDING);
+    }
     layout.blocks("planner", planner, Some(text.width));
     layout.norm("planner.norm", planner.width);
     layout.embedding("planner.token", sources.codes, planner.width, 1.0 / (planner.width as f64).sqrt());
@@ -54,7 +60,7 @@ pub fn layout(a: &Architecture, sources: &Sources) -> Layout {
 pub struct Example {
     /// Ids of the prompt's words; `[UNCONDITIONAL]` for the empty prompt.
     pub words: Vec<usize>,
-    /// Corrupted tokens.
+    /// Corrupted tokens; V, behind the codes, is a masked one.
     pub z: Vec<u16>,
     /// Tokens that are clean and stay.
     pub fixed: Vec<bool>,
@@ -177,7 +183,6 @@ pub fn forward(
         let second = rows("planner.guidance", &batch.iter().map(|e| below(e) + 1).collect::<Vec<_>>());
         global = global + first.clone() + (second - first) * share;
     }
-    let tokens = padded(batch, window, 0, |e, i| e.z.get(i), |z| usize::from(*z));
     let places: Vec<usize> = (0..window).collect();
     let to_end = padded(batch, window, 0, |e, i| (e.z.len() - 1).checked_sub(i), |left| left);
     let choose = |of: &dyn Fn(&Example, usize) -> bool| -> Tensor<3> {
@@ -189,7 +194,20 @@ pub fn forward(
     };
     let closed = choose(&|e, _| !e.end_open);
     let fixed = choose(&|e, i| e.fixed.get(i).copied().unwrap_or(false));
-    let x = rows("planner.token", &tokens)
+    let mut tokens = padded(batch, window, 0, |e, i| e.z.get(i), |z| usize::from(*z));
+    let mut own = None;
+    if weights.has(&format!("{MASK}.weight")) {
+        let codes = weights.get("planner.token.weight").dims()[0];
+        let masked = choose(&|e, i| e.z.get(i).is_some_and(|z| usize::from(*z) == codes));
+        // Of the token that stands there nothing is left.
+        tokens.iter_mut().for_each(|token| *token = (*token).min(codes - 1));
+        own = Some((weights.rows(MASK, &[0]).reshape([1, 1, d]), masked));
+    }
+    let mut tokens = rows("planner.token", &tokens);
+    if let Some((mask, masked)) = own {
+        tokens = tokens.clone() + (mask - tokens) * masked;
+    }
+    let x = tokens
         + weights.rows("planner.position", &places).reshape([1, window, d])
         + rows("planner.end", &to_end) * closed
         + weights.rows("planner.fixed", &[0]).reshape([1, 1, d]) * fixed;

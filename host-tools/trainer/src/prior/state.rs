@@ -48,7 +48,7 @@ pub struct Sources {
 impl Sources {
     /// Names and shapes of the parameters of networks for these words and codes.
     pub fn layout(&self, config: &Config) -> Layout {
-        model::layout(&config.architecture, self)
+        model::layout(config, self)
     }
 
     /// The words.

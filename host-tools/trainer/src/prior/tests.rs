@@ -1,8 +1,10 @@
 //! Runs of the tiny prior: they learn, resume bit for bit, and refuse what does not fit.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use motionette_host::checkpoint::prior::codebook_hash;
+use motionette_host::checkpoint::prior::{Corruption, codebook_hash};
+use motionette_host::convert;
 use motionette_host::dataset::Dataset;
 
 use super::checkpoint;
@@ -67,7 +69,7 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
     };
     let material = Material { dataset: &dataset, tokenizer: &tokenizer, sentences };
     testing::assert_resumes(|| {
-        let metric = Metric::new(&tokenizer.codebook, 4, config.c, config.a);
+        let metric = Metric::new(&tokenizer.codebook, 4, &config);
         let (training, held_out) = (material.training().unwrap(), material.held_out().unwrap());
         let trainer = Trainer::new(sources.layout(&config), training, held_out, metric);
         Run::new(trainer, State::begin(&config, sources.clone(), None)).unwrap()
@@ -109,6 +111,88 @@ fn guidance_is_distilled_into_one_pass() {
     let far = was.iter().zip(&is).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(far < 1e-6 && was != teacher.parameters, "{far}");
     testing::assert_refused(run(&args("--steps 3 --teacher @data.mds")), "offsets");
+}
+
+/// Masked tokens are filled in, more of them at a time when fewer are masked; the checkpoint converts, and the runtime plans from masks.
+#[test]
+fn masked_tokens_are_learnt() {
+    let folder = tempfile::tempdir().unwrap();
+    testing::prepare_tokenizer(folder.path());
+    let masks = "--set corruption=masks --log-every 10 --save-every 100";
+    let first = args(folder.path(), &format!("--steps 250 {masks}"));
+    run(&first).unwrap();
+    let state = State::load(&first.options.state_file()).unwrap();
+    let points = &state.curves.points;
+    let (early, late) = (points[0].loss, points[points.len() - 1].loss);
+    assert!(late < 0.8 * early, "cross-entropy {early} -> {late}");
+    let report = &state.curves.evaluations.last().unwrap().report;
+    assert!(report.motions == 2 && report.accuracy[3] > report.accuracy[0], "{report:?}");
+    let path = first.options.checkpoint();
+    let prior = motionette_host::checkpoint::prior::load(&path).unwrap();
+    assert_eq!(
+        (prior.config.corruption, prior.planner.mask.as_ref().map(|mask| mask.rows)),
+        (Corruption::Masks, Some(1))
+    );
+
+    let tokenizer = motionette_host::checkpoint::load(&folder.path().join("tokenizer.safetensors")).unwrap();
+    let card = convert::CardText::default();
+    let source = convert::PriorSource { checkpoint: &prior, bank: &[], text_encoder: true, control: None, cases: &[] };
+    let plain = &convert::Options::PLAIN;
+    let blob = convert::convert_with_prior(&tokenizer, Some(source), plain, &[], &card, |_| ()).unwrap().blob;
+    let blob = motionette_host::blob::BlobFile::new(blob, &path).unwrap();
+    let meant = blob.model().unwrap().default_planning();
+    let request = motionette::Request::text("a figure walks slowly").planned(meant);
+    let tokens = motionette_host::verify::run(&blob, "walks", &request).unwrap().tokens;
+    assert!(!tokens.is_empty() && tokens.iter().all(|token| *token < 8));
+
+    // A teacher of masks has students of masks.
+    let student = |more: &str| -> Args {
+        let line = "--data @data.mds --tokenizer @tokenizer.safetensors --out @one --teacher @prior.safetensors";
+        testing::args(folder.path(), &format!("{line} {more}"))
+    };
+    run(&student("--steps 3")).unwrap();
+    let one = motionette_host::checkpoint::prior::load(&folder.path().join("one.safetensors")).unwrap();
+    assert!(one.config.guidance && one.planner.mask.is_some());
+    let near = testing::args::<Args>(
+        folder.path(),
+        "--data @data.mds --tokenizer @tokenizer.safetensors --out @near --from @prior.safetensors --steps 2 --set corruption=near",
+    );
+    run(&near).unwrap();
+    for more in ["--set corruption=near", "--from @near.safetensors"] {
+        let error = run(&student(&format!("--steps 3 {more}"))).unwrap_err();
+        assert!(matches!(error.downcast_ref(), Some(super::Error::Corruption { .. })), "{more}: {error:#}");
+    }
+    testing::assert_refused(run(&args(folder.path(), "--steps 3 --set corruption=noise")), "does not fit");
+}
+
+/// A run of masks can begin with a prior of near codes, and the other way round: only the row of masked tokens is another.
+#[test]
+fn a_run_can_begin_with_a_prior_of_another_corruption() {
+    let folder = tempfile::tempdir().unwrap();
+    testing::prepare_prior(folder.path());
+    let args = |from: &str, corruption: &str| -> Args {
+        let line = "--data @data.mds --tokenizer @tokenizer.safetensors --steps 1 --set schedule.learning_rate=1e-9 --log-every 1";
+        let more = format!("--from @{from}.safetensors --out @{corruption} --set corruption={corruption}");
+        testing::args(folder.path(), &format!("{line} {more}"))
+    };
+    let parameters = |name: &str| {
+        let checkpoint = checkpoint::load(&folder.path().join(format!("{name}.safetensors"))).unwrap();
+        let layout = checkpoint.sources.layout(&checkpoint.config);
+        let all = layout.split(&checkpoint.parameters);
+        all.map(|(parameter, values)| (parameter.name.clone(), values.to_vec())).collect::<BTreeMap<_, _>>()
+    };
+    run(&args("prior", "masks")).unwrap();
+    run(&args("masks", "near")).unwrap();
+    let [first, masks, near] = ["prior", "masks", "near"].map(parameters);
+    let mut more: Vec<&String> = masks.keys().filter(|name| !first.contains_key(*name)).collect();
+    assert_eq!(more.pop().map(String::as_str), Some("planner.mask.weight"));
+    assert!(more.is_empty() && masks["planner.mask.weight"].iter().any(|v| *v != 0.0));
+    for (name, values) in &first {
+        for other in [&masks[name], &near[name]] {
+            let far = values.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(far < 1e-6, "{name}: {far}");
+        }
+    }
 }
 
 /// A run that begins with another prior goes on from its weights, also with a tokenizer that was trained on, and says with which.

@@ -3,18 +3,18 @@
 use super::Reader;
 use crate::nn::activation::Activation;
 use crate::nn::block::{Norm, TransformerConfig};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 /// What makes motion tokens.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Generator {
     /// Nothing: requests bring them along.
     Given {
         /// Longest motion, tokens.
         max_tokens: u16,
     },
-    /// Transition masked diffusion of tokens, given a text (EQUATIONS section 4).
-    Tmd(PlannerConfig),
+    /// Given a text: transition masked diffusion of tokens (EQUATIONS section 4), or all of them at once, the least certain ones again.
+    Words(PlannerConfig),
     /// All tokens at once, the least certain ones again (MoMask 3.4, ControlMM 3.1), given a vector.
     Masked(PrefixConfig),
     /// A token at a time until the class that ends the motion (T2M-GPT 3.2), given a vector.
@@ -66,21 +66,34 @@ pub struct ResidualConfig {
     pub guidance: f32,
 }
 
-/// The TMD planner.
+/// A planner that reads a text, and anchors.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PlannerConfig {
     /// Longest motion, tokens.
     pub max_tokens: u16,
     /// Its blocks.
     pub transformer: TransformerConfig,
-    /// Factor of the sampler's `beta(t) = c (t / (1 - t))^a`.
-    pub c: f32,
-    /// Its exponent.
-    pub a: f32,
+    /// What it makes tokens of.
+    pub corruption: Corruption,
     /// How it is guided.
     pub guidance: Guidance,
     /// Anchor control; `None`: anchors only bend what was planned.
     pub control: Option<ControlConfig>,
+}
+
+/// What a planner makes tokens of; which one it is says the kind of the generator.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Corruption {
+    /// Random tokens, which move to near codes (TMD).
+    Near {
+        /// Factor of the sampler's `beta(t) = c (t / (1 - t))^a`.
+        c: f32,
+        /// Its exponent.
+        a: f32,
+    },
+    /// Masked ones: token V, behind the codes, which is filled in.
+    Masks,
 }
 
 /// How a planner is guided towards what is asked for.
@@ -109,13 +122,14 @@ pub struct ControlConfig {
 
 impl Generator {
     pub(super) fn read(from: &mut Reader<'_>) -> Self {
-        match from.kind("generator", 4) {
+        match from.kind("generator", 5) {
             0 => Generator::Given { max_tokens: from.short() },
-            1 => Generator::Tmd(PlannerConfig::read(from)),
+            1 => Generator::Words(PlannerConfig::read(from, false)),
             2 if cfg!(feature = "masked") => Generator::Masked(PrefixConfig::read(from)),
-            2 => from.not_linked("masked"),
-            _ if cfg!(feature = "autoregressive") => Generator::Autoregressive(PrefixConfig::read(from)),
-            _ => from.not_linked("autoregressive"),
+            3 if cfg!(feature = "autoregressive") => Generator::Autoregressive(PrefixConfig::read(from)),
+            3 => from.not_linked("autoregressive"),
+            4 if cfg!(feature = "masked") => Generator::Words(PlannerConfig::read(from, true)),
+            _ => from.not_linked("masked"),
         }
     }
 
@@ -124,15 +138,15 @@ impl Generator {
     pub const fn max_tokens(&self) -> u16 {
         match self {
             Generator::Given { max_tokens } => *max_tokens,
-            Generator::Tmd(planner) => planner.max_tokens,
+            Generator::Words(planner) => planner.max_tokens,
             Generator::Masked(planner) | Generator::Autoregressive(planner) => planner.max_tokens,
         }
     }
 
-    /// The TMD planner, if it is one.
+    /// The planner that reads a text, if it is one.
     #[must_use]
     pub const fn planner(&self) -> Option<&PlannerConfig> {
-        if let Generator::Tmd(planner) = self { Some(planner) } else { None }
+        if let Generator::Words(planner) = self { Some(planner) } else { None }
     }
 
     /// The planner that is given a vector, if it is one.
@@ -144,7 +158,23 @@ impl Generator {
     /// Anchor control of the planner, if there is one.
     #[must_use]
     pub const fn control(&self) -> Option<&ControlConfig> {
-        if let Generator::Tmd(planner) = self { planner.control.as_ref() } else { None }
+        if let Generator::Words(planner) = self { planner.control.as_ref() } else { None }
+    }
+}
+
+// Masked tokens came behind the kinds of other planners, so that a text's planner has two of them.
+impl Serialize for Generator {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let name = "Generator";
+        match self {
+            Generator::Given { max_tokens } => to.serialize_newtype_variant(name, 0, "Given", max_tokens),
+            Generator::Words(planner) => match planner.corruption {
+                Corruption::Near { .. } => to.serialize_newtype_variant(name, 1, "Words", planner),
+                Corruption::Masks => to.serialize_newtype_variant(name, 4, "Words", planner),
+            },
+            Generator::Masked(planner) => to.serialize_newtype_variant(name, 2, "Masked", planner),
+            Generator::Autoregressive(planner) => to.serialize_newtype_variant(name, 3, "Autoregressive", planner),
+        }
     }
 }
 
@@ -184,12 +214,14 @@ impl ResidualConfig {
 }
 
 impl PlannerConfig {
-    fn read(from: &mut Reader<'_>) -> Self {
+    fn read(from: &mut Reader<'_>, masks: bool) -> Self {
         PlannerConfig {
             max_tokens: from.short(),
             transformer: transformer(from),
-            c: from.single(),
-            a: from.single(),
+            corruption: match masks {
+                false => Corruption::Near { c: from.single(), a: from.single() },
+                true => Corruption::Masks,
+            },
             guidance: Guidance::read(from),
             control: ControlConfig::read(from),
         }

@@ -11,7 +11,9 @@ mod representation;
 mod text;
 
 pub use codec::{Codec, DecoderConfig, MAX_BLOCKS, MAX_CONVOLUTIONS, MAX_STAGES};
-pub use generator::{ControlConfig, Generator, Guidance, HeadConfig, PlannerConfig, PrefixConfig, ResidualConfig};
+pub use generator::{
+    ControlConfig, Corruption, Generator, Guidance, HeadConfig, PlannerConfig, PrefixConfig, ResidualConfig,
+};
 pub use representation::{HumanMl3d, Representation, SKELETON_BYTES, Skeleton};
 pub use text::{
     MAX_BANK, MAX_VOCABULARY, PhraseBank, TextConfig, TextEncoderConfig, TextEncoding, TextLength, TextTable,

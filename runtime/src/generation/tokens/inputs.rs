@@ -1,7 +1,9 @@
 //! The rows that enter a planner's first block.
 
 use super::transformer::Input;
-use crate::blob::{Error, Guidance, Tensors};
+#[cfg(feature = "masked")]
+use crate::blob::Corruption;
+use crate::blob::{Error, Guidance, PlannerConfig, Tensors};
 use crate::nn::conv1d::larger;
 use crate::nn::embedding::{Embedding, add_row};
 use crate::nn::linear::Linear;
@@ -18,7 +20,7 @@ pub const STRENGTHS: u16 = 5;
 #[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy)]
 pub enum Inputs<'a> {
-    /// Of a planner that moves noisy tokens in time. Its token embeddings are the weights of its logits.
+    /// Of a planner that is told the time, of noisy tokens or masked ones. Its token embeddings are the weights of its logits.
     Timed(Timed<'a>),
     /// Of one that knows tokens and places alone.
     #[cfg(any(feature = "masked", feature = "autoregressive"))]
@@ -28,7 +30,7 @@ pub enum Inputs<'a> {
 /// Row 0 `+= time[floor(32 t)] + boundary[2 start_open + end_open]`, and where guidance takes one pass
 /// `+ (1 - f) guidance[i] + f guidance[i + 1]`, `i + f` the strength of guidance, 0 to 4;
 /// row 1 + i `= token[z_i] + position[i] + end[L - 1 - i]` (the last only when the motion ends there) `+ fixed` (only where
-/// token i is given).
+/// token i is given). `token[V]` is the row of a masked token.
 #[derive(Debug, Clone, Copy)]
 pub struct Timed<'a> {
     time: Embedding<'a>,
@@ -38,6 +40,9 @@ pub struct Timed<'a> {
     fixed: Embedding<'a>,
     /// Rows by the strength of guidance, where it takes one pass.
     guidance: Option<Embedding<'a>>,
+    /// The row of token V, where tokens are masked.
+    #[cfg(feature = "masked")]
+    mask: Option<Embedding<'a>>,
 }
 
 /// Row 1 + i `= token[z_i] + position[i]`.
@@ -53,15 +58,46 @@ impl<'a> Timed<'a> {
     ///
     /// # Errors
     /// Any [`Error`] of a tensor.
-    pub fn open(tensors: &mut Tensors<'a>, width: u16, max_tokens: u16, guidance: Guidance) -> Result<Self, Error> {
+    pub fn open(tensors: &mut Tensors<'a>, config: &PlannerConfig) -> Result<Self, Error> {
+        let (width, max_tokens) = (config.transformer.width, config.max_tokens);
         let mut table = |rows| Embedding::open(tensors, rows, width);
         let (time, boundary) = (table(TIMES)?, table(BOUNDARIES)?);
         let (position, end, fixed) = (table(max_tokens)?, table(max_tokens)?, table(1)?);
-        let guidance = match guidance {
+        let guidance = match config.guidance {
             Guidance::TwoPass => None,
             Guidance::OnePass => Some(table(STRENGTHS)?),
         };
-        Ok(Timed { time, boundary, position, end, fixed, guidance })
+        Ok(Timed {
+            time,
+            boundary,
+            position,
+            end,
+            fixed,
+            guidance,
+            #[cfg(feature = "masked")]
+            mask: match config.corruption {
+                Corruption::Near { .. } => None,
+                Corruption::Masks => Some(table(1)?),
+            },
+        })
+    }
+
+    /// Adds what token `number` is.
+    fn add_token(&self, number: usize, token: &Linear<'_>, row: &mut [f32]) {
+        #[cfg(feature = "masked")]
+        if let (Some(mask), true) = (&self.mask, number == token.outputs()) {
+            return mask.add(0, row);
+        }
+        add_row(token.row(number), row);
+    }
+
+    /// A bound of what a token is.
+    fn token_bound(&self, token: &Linear<'_>) -> f32 {
+        #[cfg(feature = "masked")]
+        if let Some(mask) = &self.mask {
+            return larger(token.largest(), mask.bound());
+        }
+        token.largest()
     }
 
     fn fill(&self, input: &Input<'_>, text: &[f32], token: &Linear<'_>, x: &mut [f32]) {
@@ -79,7 +115,7 @@ impl<'a> Timed<'a> {
         }
         for (i, (number, row)) in tokens.iter().zip(rows).enumerate() {
             row.fill(0.0);
-            add_row(token.row(usize::from(*number)), row);
+            self.add_token(usize::from(*number), token, row);
             self.position.add(i, row);
             if !planning.end_open {
                 self.end.add(tokens.len().saturating_sub(i + 1), row);
@@ -116,7 +152,8 @@ impl Inputs<'_> {
         match self {
             Inputs::Timed(timed) => {
                 let guidance = timed.guidance.map_or(0.0, |table| table.bound());
-                let others = timed.position.bound() + timed.end.bound() + timed.fixed.bound() + token.largest();
+                let others =
+                    timed.position.bound() + timed.end.bound() + timed.fixed.bound() + timed.token_bound(token);
                 (timed.time.bound() + timed.boundary.bound() + guidance, others)
             }
             #[cfg(any(feature = "masked", feature = "autoregressive"))]

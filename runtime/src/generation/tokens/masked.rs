@@ -1,8 +1,10 @@
 //! Confidence re-masking (MoMask 3.4, ControlMM 3.1; MaskGIT): every position is drawn in every step, the least certain ones are masked again.
 //!
 //! Step `k` of `S` draws all masked positions. Of those that are not given, `n = max(1, round(cos(pi/2 t) n_0))` are masked for step `k + 1`,
-//! `n_0` how many there are, `t = (k + 1) / (S - 1)` or what the schedule makes of it, halves rounded to the even number: the ones whose token was least
+//! `n_0` how many there are, `t` the time of that step, halves rounded to the even number: the ones whose token was least
 //! probable when it was drawn, by the whole distribution, the first on ties. What was not masked before a step is never masked again.
+//! The time of step `k` is `k / (S - 1)` or what the schedule makes of it, 0 in the first: planners that are told it saw as large a share of
+//! masks at this time in training.
 
 use super::Planning;
 use super::sampler::{Draw, Logits, TokenSampler};
@@ -33,8 +35,7 @@ pub struct Work<'s> {
 /// Positions that are masked behind step `step` of `steps`, of so many.
 #[must_use]
 pub fn masked(planning: &Planning<'_>, step: u16, positions: usize) -> usize {
-    let last = planning.steps.saturating_sub(1);
-    let time = planning.schedule.time(step.saturating_add(1), last);
+    let time = Masked.time(planning, step.saturating_add(1));
     let (_, share) = sin_cos(time * core::f32::consts::PI * 0.5);
     let count = (share * positions as f32 + ROUND - ROUND) as usize;
     count.max(1).min(positions)
@@ -82,6 +83,10 @@ impl TokenSampler for Masked {
         codebooks: &Codebooks<'_>,
     ) -> Result<Work<'s>, ArenaTooSmall> {
         Ok(Work { weights: arena.take(codebooks.codes())?, scores: arena.take(tokens)? })
+    }
+
+    fn time(&self, planning: &Planning<'_>, step: u16) -> f32 {
+        if step == 0 { 0.0 } else { planning.schedule.time(step, planning.steps.saturating_sub(1)) }
     }
 
     fn macs(&self, _: &Codebooks<'_>) -> u64 {

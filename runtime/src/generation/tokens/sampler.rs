@@ -32,6 +32,9 @@ pub trait TokenSampler {
         codebooks: &Codebooks<'_>,
     ) -> Result<Self::Work<'s>, ArenaTooSmall>;
 
+    /// The time of step `step`, counted from 0: what the network is told.
+    fn time(&self, planning: &Planning<'_>, step: u16) -> f32;
+
     /// Multiply-accumulates of one position in one step, its logits left out.
     fn macs(&self, codebooks: &Codebooks<'_>) -> u64;
 
@@ -149,6 +152,16 @@ impl TokenSampler for Sampler {
             Sampler::Masked(masked) => masked.layout(arena, tokens, codebooks).map(Work::Masked),
             #[cfg(feature = "autoregressive")]
             Sampler::InTurn => Ok(Work::InTurn),
+        }
+    }
+
+    fn time(&self, planning: &Planning<'_>, step: u16) -> f32 {
+        match self {
+            Sampler::Tmd(tmd) => tmd.time(planning, step),
+            #[cfg(feature = "masked")]
+            Sampler::Masked(masked) => masked.time(planning, step),
+            #[cfg(feature = "autoregressive")]
+            Sampler::InTurn => 0.0,
         }
     }
 

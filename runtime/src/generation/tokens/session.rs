@@ -584,8 +584,14 @@ impl<'m, 'b, 'w> Session<'m, 'b, 'w> {
         planner.sampler().begin(planning, planner.codes(), random, tokens);
     }
 
+    /// The time of step `step` of the model's sampler, counted from 0.
+    #[must_use]
+    pub fn time(&self, planning: &Planning<'_>, step: u16) -> f32 {
+        self.modules.planner.sampler().time(planning, step)
+    }
+
     /// One pass over `tokens` at time `time`, two where guidance takes a second one: what [`Session::logits`] and [`Session::advance`] read.
-    /// No more tokens than the session was made for, each in the codebook.
+    /// No more tokens than the session was made for, each in the codebook, or V, a masked one, where the sampler masks.
     ///
     /// Breaks off when `check` says so; it is asked behind every block.
     pub fn pass(&mut self, tokens: &[u16], time: f32, planning: &Planning<'_>, check: Check<'_>) -> ControlFlow<Stop> {

@@ -97,6 +97,10 @@ impl TokenSampler for Tmd {
         Ok(Work { weights: arena.take(codebooks.codes())?, units: arena.take(Metric::len(codebooks))? })
     }
 
+    fn time(&self, planning: &Planning<'_>, step: u16) -> f32 {
+        planning.schedule.time(step, planning.steps)
+    }
+
     fn macs(&self, codebooks: &Codebooks<'_>) -> u64 {
         Metric::len(codebooks) as u64
     }
@@ -120,8 +124,7 @@ impl TokenSampler for Tmd {
     ) {
         // Computed anew in each step: it costs less than the memory that it would take from the passes.
         let metric = Metric::new(codebooks, work.units);
-        let time = |step| draw.planning.schedule.time(step, draw.planning.steps);
-        let stride = self.stride(time(step), time(step + 1));
+        let stride = self.stride(self.time(draw.planning, step), self.time(draw.planning, step + 1));
         Self::advance(Some((&stride, &metric)), logits, work.weights, draw);
     }
 

@@ -16,7 +16,7 @@ use super::sampler::Sampler;
 use super::tmd::Tmd;
 #[cfg(any(feature = "masked", feature = "autoregressive"))]
 use crate::blob::PrefixConfig;
-use crate::blob::{Error, HeadConfig, PlannerConfig, Tensors};
+use crate::blob::{Corruption, Error, HeadConfig, PlannerConfig, Tensors};
 use crate::nn::attention::Heads;
 use crate::nn::block::{BlockScratch, Sizes, Stack, StackScratch, below};
 use crate::nn::linear::Linear;
@@ -45,7 +45,7 @@ pub struct Planner<'a> {
 /// What the planner sees beside the text.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<'i> {
-    /// Tokens `z_t [L]`.
+    /// Tokens `z_t [L]`; V is a masked one.
     pub tokens: &'i [u16],
     /// Time `t`, 0 to 1.
     pub time: f32,
@@ -54,20 +54,27 @@ pub struct Input<'i> {
 }
 
 impl<'a> Planner<'a> {
-    /// Reads a planner of noisy tokens from the next tensors. [`Planner::check`] is to follow.
+    /// Reads a planner of noisy or masked tokens from the next tensors. [`Planner::check`] is to follow.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
     pub fn open(tensors: &mut Tensors<'a>, config: &PlannerConfig, text: &Text<'_>, codes: u16) -> Result<Self, Error> {
-        let PlannerConfig { transformer, max_tokens, c, a, guidance, .. } = *config;
+        let transformer = config.transformer;
         let memory = u16::try_from(text.width()).map_err(|_| Error::Manifest)?;
         let first = tensors.index();
         let global = Linear::open(tensors, memory, transformer.width)?;
-        let inputs = Inputs::Timed(Timed::open(tensors, transformer.width, max_tokens, guidance)?);
+        let inputs = Inputs::Timed(Timed::open(tensors, config)?);
         let stack = Stack::open(tensors, transformer, Some(memory))?;
         let head = Head::open(tensors, &transformer, HeadConfig::Norm, codes, true)?;
         Ok(Planner {
-            sampler: Sampler::Tmd(Tmd { c, a }),
+            sampler: match config.corruption {
+                Corruption::Near { c, a } => Sampler::Tmd(Tmd { c, a }),
+                #[cfg(feature = "masked")]
+                Corruption::Masks => Sampler::Masked(super::masked::Masked),
+                // Refused where the manifest was read.
+                #[cfg(not(feature = "masked"))]
+                Corruption::Masks => return Err(Error::Manifest),
+            },
             #[cfg(any(feature = "masked", feature = "autoregressive"))]
             guidance: Planning::DEFAULT.guidance,
             codes,
@@ -79,7 +86,7 @@ impl<'a> Planner<'a> {
         })
     }
 
-    /// Reads a masked planner from the next tensors. [`Planner::check`] is to follow.
+    /// Reads a masked planner that is given a vector from the next tensors. [`Planner::check`] is to follow.
     ///
     /// # Errors
     /// Any [`Error`] of a tensor or configuration value.
@@ -168,13 +175,15 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// How it is meant to plan, as its authors do, of a predicted length: [`Planning::DEFAULT`] of TMD; ten steps and draws from a tenth
-    /// of the codes where it is masked (MoMask's evaluation), draws from all of them a token at a time.
+    /// How it is meant to plan, of a predicted length: [`Planning::DEFAULT`] of TMD, with ten steps where tokens are masked; given a vector as
+    /// its authors do, ten steps and draws from a tenth of the codes where it is masked (MoMask's evaluation), draws from all of them a token
+    /// at a time.
     #[must_use]
     pub fn defaults(&self) -> Planning<'static> {
         #[cfg(any(feature = "masked", feature = "autoregressive"))]
         if !matches!(self.sampler, Sampler::Tmd(_)) {
-            let top_k = if self.in_turn() { 0 } else { self.codes.div_ceil(10) };
+            let all = self.in_turn() || matches!(self.inputs, Inputs::Timed(_));
+            let top_k = if all { 0 } else { self.codes.div_ceil(10) };
             return Planning {
                 steps: 10,
                 guidance: self.guidance,
