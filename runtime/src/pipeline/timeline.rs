@@ -97,8 +97,13 @@ pub(super) fn read(
         let (own, others) = rest.split_at_mut_checked(3 * directions_of(span)).unwrap_or_default();
         rest = others;
         let mut overlay = arena.overlay();
-        let said =
-            read_span(model, (request, &timeline.of_span(limits.rows)), (index, span), own, &mut overlay, observer)?;
+        let task = (request, &timeline.of_span(limits.rows));
+        let said = read_span(model, task, (index, span), own, &mut overlay, observer);
+        // That none of its words is known is seen no earlier.
+        let said = said.map_err(|error| match error {
+            Error::Prompt(error) => Error::Timeline(TimelineError::Prompt { index, error }),
+            error => error,
+        })?;
         used = used.max(said.1);
         if let Some(heard) = heard.get_mut(index) {
             *heard = said.0;
