@@ -9,7 +9,7 @@ use crate::robot::{Kind, Played, Stage};
 use crate::sample_clips;
 use crate::session::{self, Conditions, Outcome};
 use crate::source::{self, Content, Source};
-use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownStage, Surroundings};
+use crate::viewer::{self, CurvePoint, Fact, Scene, Shown, ShownPlan, ShownSpan, ShownStage, Surroundings};
 use anyhow::{Context, bail};
 use clap::Args;
 use motionette::generation::tokens::{Length, Planning};
@@ -17,7 +17,7 @@ use motionette::playback::Robot;
 use motionette::refining::{Config, Exact};
 use motionette::representation::skeleton::{NAMES, PARENTS};
 use motionette::request::conditions::AnchorSet;
-use motionette::{Anchor, Model, Obstacle, Request, Track};
+use motionette::{Anchor, Error, Model, Obstacle, Request, Span, Track};
 use motionette_host::agreement::Agreement;
 use motionette_host::blob::{AlignedBlob, BlobFile};
 use motionette_host::checkpoint::TokenizerCheckpoint;
@@ -27,8 +27,8 @@ use motionette_host::followed::{self, Following};
 use motionette_host::motion::{Pose, narrowed, widened};
 use motionette_host::reference::bridge::reference_anchor;
 use motionette_host::reference::{self, DecodePath, motion_space};
-use motionette_host::scene_file::{self, OwnedObstacle, OwnedTrack};
-use motionette_host::{anchors_file, export, output, robot_file};
+use motionette_host::scene_file::{self, OwnedObstacle, OwnedSpan, OwnedTrack};
+use motionette_host::{anchors_file, export, output, robot_file, spans};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -70,6 +70,9 @@ pub struct Cmd {
     /// What the body keeps clear of (docs/obstacles.md).
     #[arg(long, value_name = "FILE.json")]
     scene: Option<PathBuf>,
+    /// What parts of the body do instead, each over a span of the motion (docs/timeline.md).
+    #[arg(long, value_name = "FILE.json")]
+    timeline: Option<PathBuf>,
     /// Plan as if there were no anchors and tracks, and only bend the motion onto them.
     #[arg(long, conflicts_with_all = ["clip", "bvh"])]
     unconditioned: bool,
@@ -160,7 +163,9 @@ impl Cmd {
         let robot = robot_file::load(&self.robot).context("reading the robot")?;
         let tracks: Vec<Track<'_>> = source.tracks.iter().map(OwnedTrack::borrowed).collect();
         let obstacles: Vec<Obstacle<'_>> = source.obstacles.iter().map(OwnedObstacle::borrowed).collect();
-        let conditions = &Conditions { anchors: &source.anchors, tracks: &tracks, obstacles: &obstacles };
+        let timeline: Vec<Span<'_>> = source.timeline.iter().map(OwnedSpan::borrowed).collect();
+        let (tracks, obstacles, timeline) = (&tracks[..], &obstacles[..], &timeline[..]);
+        let conditions = &Conditions { anchors: &source.anchors, tracks, obstacles, timeline };
 
         say(&format!("{}: {}", source.name, source.caption));
         for note in &source.notes {
@@ -174,7 +179,7 @@ impl Cmd {
         let plan = match &source.content {
             Content::Tokens(_) => None,
             Content::Prompt(text) => {
-                let anchors = if motions.alone.is_some() { &source.anchors[..] } else { &[] };
+                let anchors = if motions.conditioned { &source.anchors[..] } else { &[] };
                 let checkpoints = Checkpoints { prior: self.prior.as_deref(), control: self.control.as_deref() };
                 let of = (&blob, &checkpoint, checkpoints);
                 Some(planners::compare((text, &self.planning(&model)), anchors, of, after)?)
@@ -189,7 +194,7 @@ impl Cmd {
         let mut agreement = Agreement::default();
         agreement.add(&source.name, &plain.joints, &reference);
         let refined = config.filter(|config| refines(*config, conditions));
-        if let Some(exact) = refined.and_then(|config| config.exact).filter(|_| !conditions.has_rows()) {
+        if let Some(exact) = refined.and_then(|config| config.exact).filter(|_| conditions.known_to_reference()) {
             reference = edited(&reference, &source.anchors, exact, model.frame_rate());
         }
         let reference_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -200,7 +205,7 @@ impl Cmd {
         let unseen = plan.is_some() && unseen;
         let unconditioned_because = match unseen {
             true if self.unconditioned => Some("--unconditioned".to_owned()),
-            true => match followed::unseen_because(&tracks).filter(|_| source.anchors.is_empty()) {
+            true => match followed::unseen_because(tracks).filter(|_| source.anchors.is_empty()) {
                 Some(why) => Some(why.to_owned()),
                 None => Some(blob.unconditioned_because(after.steps.len() > self.steps.into())?),
             },
@@ -208,7 +213,7 @@ impl Cmd {
         };
         let edited = after.refinement.and_then(|report| report.edited);
         let followed = edited.as_ref().and_then(|edited| edited.followed.as_ref());
-        let following = Following::of(followed, (&tracks, &obstacles), after.joints.len(), after.frame_rate);
+        let following = Following::of(followed, (tracks, obstacles), after.joints.len(), after.frame_rate);
         let report = Report::from(&Parts {
             clip: &source.name,
             caption: &source.caption,
@@ -220,6 +225,7 @@ impl Cmd {
             following,
             unconditioned_because,
             alone: motions.alone.as_ref(),
+            conditioned: motions.conditioned,
             before: &motions.before,
             after,
             refinement: self.refinement,
@@ -255,22 +261,27 @@ impl Cmd {
     ) -> anyhow::Result<Motions> {
         let request = self.request(model, source);
         let through = session::through(request, conditions, config);
-        let after = session::run(model, &through, |_| ()).with_context(|| self.hint(source))?;
-        // Where something is refined the same tokens are decoded as they are.
+        let after = session::run(model, &through, |_| ()).map_err(|error| refused(model, source, error))?;
+        // Where something is refined the same tokens are decoded as they are, with the same spans.
+        let tokens = Request::tokens(&after.tokens).planned(request.planning).timeline(conditions.timeline);
         let before = match config.is_some_and(|config| refines(config, conditions)) {
             false => after.clone(),
-            true => session::run(model, &Request::tokens(&after.tokens).unrefined(), |_| ())?,
+            true => session::run(model, &tokens.unrefined(), |_| ())?,
         };
         let distinct = AnchorSet::new(conditions.anchors, after.joints.len())?.len();
         let seen = usize::from(after.unconditioned_anchors) < distinct;
         let seen = seen || !conditions.tracks.is_empty() && after.conditioned;
         // Anchors may have made a motion of predicted length longer: it is to be compared frame by frame.
         let same_length = Length::Tokens((after.tokens.len() / model.codebooks().quantizers().max(1)) as u16);
-        let alone = match seen {
-            true => Some(session::run(model, &request.length(same_length), |_| ())?),
+        let alone = match seen || !conditions.timeline.is_empty() {
+            true => {
+                // What differs from the others is to be that they are led or told, not that their feet are planted.
+                let refinement = if seen { request.refinement } else { config };
+                Some(session::run(model, &Request { refinement, ..request.length(same_length) }, |_| ())?)
+            }
             false => None,
         };
-        Ok(Motions { alone, before, after })
+        Ok(Motions { alone, conditioned: seen, before, after })
     }
 
     /// The robot plays the motion.
@@ -298,10 +309,11 @@ impl Cmd {
         stage.run()
     }
 
-    /// The request without its anchors.
+    /// The request without what it is to meet and without its timeline.
     fn request<'r>(&self, model: &Model<'_>, source: &'r Source) -> Request<'r> {
         match &source.content {
-            Content::Tokens(tokens) => Request::tokens(tokens),
+            // Spans are planned, whatever the motion comes from.
+            Content::Tokens(tokens) => Request::tokens(tokens).planned(self.planning(model)),
             Content::Prompt(text) => Request::text(text).planned(self.planning(model)),
         }
     }
@@ -314,8 +326,8 @@ impl Cmd {
                 source::recording(path, &self.recording.reading()?, checkpoint, model.max_tokens())?
             }
             (None, None, Some(name)) => source::bundled(Some(name), model.frame_rate())?,
-            // Its anchors might contradict tracks and obstacles of the user's own.
-            (None, None, None) if self.tracks.is_some() || self.scene.is_some() => {
+            // Its anchors might contradict tracks, obstacles and spans of the user's own.
+            (None, None, None) if self.tracks.is_some() || self.scene.is_some() || self.timeline.is_some() => {
                 source::prompt(source::DEFAULT_PROMPT)
             }
             (None, None, None) => source::default_job(model.frame_rate())?,
@@ -343,6 +355,10 @@ impl Cmd {
             source.obstacles = scene_file::read_scene(path, model.frame_rate())
                 .with_context(|| format!("reading the scene in {}", path.display()))?;
         }
+        if let Some(path) = &self.timeline {
+            source.timeline = scene_file::read_timeline(path, model.frame_rate())
+                .with_context(|| format!("reading the timeline in {}", path.display()))?;
+        }
         Ok(source)
     }
 
@@ -351,7 +367,7 @@ impl Cmd {
     }
 
     fn planning(&self, model: &Model<'_>) -> Planning<'static> {
-        let asked = self.anchors.is_some() || self.tracks.is_some();
+        let asked = self.anchors.is_some() || self.tracks.is_some() || self.timeline.is_some();
         let default = if self.text.is_none() && !asked { Some(5.0) } else { None };
         let length = match self.seconds.or(default) {
             Some(s) => Length::Frames(self.frames(s, model).try_into().unwrap_or(u16::MAX)),
@@ -361,41 +377,41 @@ impl Cmd {
         Planning { length, seed, steps, guidance, conditioned, ..Planning::DEFAULT }
     }
 
-    /// What may have been wrong with a request that the runtime refused.
-    fn hint(&self, source: &Source) -> String {
-        match source.content {
-            Content::Prompt(_) => {
-                "the runtime refused the request (`motionette inspect --vocabulary` lists the words that a model knows)"
-                    .into()
-            }
-            Content::Tokens(_) => "the runtime refused the request".into(),
-        }
-    }
-
     fn write(&self, results: &Results<'_>, reference: &[Pose], report: &Report) -> anyhow::Result<()> {
         let Results { source, conditions, motions, plan, played } = *results;
-        let Motions { alone, before, after } = motions;
+        let Motions { alone, before, after, .. } = motions;
         std::fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot make the folder {}; give another one with --out", self.out.display()))?;
         let frame_time = 1.0 / f64::from(after.frame_rate);
         for (name, motion) in [("before.bvh", &before.joints), ("motion.bvh", &after.joints)] {
             output::write_atomic(self.out.join(name), |file| export::bvh::write_bvh(motion, frame_time, file))?;
         }
-        let bent = if conditions.has_rows() { "as it was edited" } else { "bent onto the anchors" };
+        let bent = match conditions.has_rows() || conditions.anchors.is_empty() {
+            true => "as it was edited",
+            false => "bent onto the anchors",
+        };
         let mut shown = vec![Shown::new("after", "Refined", bent, &after.joints)];
         shown.push(match plan {
             None => Shown::new("before", "As given", "as the tokens say, before refinement", &before.joints),
             Some(_) => Shown::new("before", "Generated", "as it was planned, before refinement", &before.joints),
         });
         if let Some(alone) = alone {
-            let label = "what the planner makes when it does not see where the motion is to pass";
-            shown.push(Shown::new("alone", "Prompt alone", label, &alone.joints));
+            let (name, label) = match (motions.conditioned, conditions.timeline.is_empty()) {
+                (true, true) => {
+                    ("Prompt alone", "what the planner makes when it does not see where the motion is to pass")
+                }
+                (true, false) => {
+                    ("Prompt alone", "what the planner makes of the prompt, without places to pass and without spans")
+                }
+                (false, _) => ("Without spans", "the motion as it was generated, without the spans of the timeline"),
+            };
+            shown.push(Shown::new("alone", name, label, &alone.joints));
         }
         let label = "what the servos made of the refined motion, by forward kinematics";
         shown.push(Shown::new("robot", "Robot", label, &played.body));
-        let label = match conditions.has_rows() {
-            true => "f32 reference in front of the edit, which knows neither tracks nor obstacles",
-            false => "f32 reference of the refined embeddings",
+        let label = match conditions.known_to_reference() {
+            false => "f32 reference in front of the edit, which knows no tracks, obstacles or spans",
+            true => "f32 reference of the refined embeddings",
         };
         shown.push(Shown::new("reference", "Reference", label, reference));
         let tolerance = self.refinement.0.unwrap_or_default().tolerance;
@@ -423,10 +439,11 @@ impl Cmd {
             tracks: around.tracks(compared),
             obstacles: around.obstacles(after.joints.len()),
             clearance: around.clearance(compared),
+            timeline: ShownSpan::of_all(conditions.timeline, &after.spans),
             robot: &played.shown,
             refinement: report.refinement.clone(),
             curve: curve(&after.errors),
-            error_alone_cm: report.control_error_unconditioned_cm.filter(|_| report.planner_conditioned),
+            error_alone_cm: report.control_error_unconditioned_cm.filter(|_| alone.is_some()),
             error_before_cm: report.control_error_before_cm,
             error_after_cm: report.control_error_after_cm,
             facts: report.lines().into_iter().map(|(label, value)| Fact { label, value }).collect(),
@@ -441,6 +458,16 @@ impl Cmd {
     }
 }
 
+/// A refusal of the runtime, with what may have been wrong or could be asked for instead.
+fn refused(model: &Model<'_>, source: &Source, error: Error) -> anyhow::Error {
+    let instead = match (error, &source.content) {
+        (Error::Timeline(error), content) => spans::instead(model, error, matches!(content, Content::Prompt(_))),
+        (_, Content::Prompt(_)) => " (`motionette inspect --vocabulary` lists the words that a model knows)".into(),
+        (_, Content::Tokens(_)) => String::new(),
+    };
+    anyhow::Error::new(error).context(format!("the runtime refused the request{instead}"))
+}
+
 /// What a run gave.
 #[derive(Clone, Copy)]
 struct Results<'r> {
@@ -453,8 +480,10 @@ struct Results<'r> {
 
 /// The motions of a run.
 struct Motions {
-    /// What the prompt alone gives, where the planner of the others saw anchors.
+    /// What the prompt, or the tokens, give alone, where the others have spans or their planner saw anchors.
     alone: Option<Outcome>,
+    /// Whether it saw any.
+    conditioned: bool,
     /// As it was planned or given.
     before: Outcome,
     /// Bent onto the anchors.

@@ -9,6 +9,7 @@ use motionette_host::cli::Refinement;
 use motionette_host::console::strained;
 use motionette_host::followed::Following;
 use motionette_host::metrics;
+use motionette_host::spans::HeardSpan;
 use serde::Serialize;
 
 /// Instructions a planned multiply-accumulate costs on a Cortex-M4 or M7 over whole requests, all other work included: the
@@ -49,7 +50,8 @@ pub struct Report {
     pub unconditioned_because: Option<String>,
     /// Whether the planner saw any of the anchors.
     pub planner_conditioned: bool,
-    /// Mean distance from the anchors of the motion that the prompt alone gives, centimetres; null when tokens were given.
+    /// Mean distance from the anchors of the motion that the prompt alone gives, centimetres, without a timeline; null when tokens were
+    /// given, and these had none.
     pub control_error_unconditioned_cm: Option<f64>,
     /// Of the motion as it was generated, with the planner seeing the anchors or as the tokens say, without refinement.
     pub control_error_before_cm: f64,
@@ -59,6 +61,8 @@ pub struct Report {
     pub anchor_errors: Vec<AnchorErrors>,
     /// What came of tracks and obstacles; null without them.
     pub following: Option<Following>,
+    /// What was understood of each span of the timeline.
+    pub timeline: Vec<HeardSpan>,
     /// Decoder evaluations of the refinement, line-search trials included.
     pub decoder_evaluations: u16,
     /// Decoder gradients of the refinement.
@@ -130,7 +134,7 @@ pub struct AnchorErrors {
     pub frame: u16,
     /// Target, metres: `[x, y, z]`, or `[x, z]` on the floor.
     pub target: Vec<f32>,
-    /// Distance of the motion that the prompt alone gives, centimetres; null when tokens were given.
+    /// Distance of the motion that the prompt alone gives, as [`Report::control_error_unconditioned_cm`].
     pub unconditioned_cm: Option<f64>,
     /// Of the generated motion.
     pub before_cm: f64,
@@ -176,6 +180,8 @@ impl Report {
                 format!("{} steps, {agreement:.1} % of tokens proposed as by the reference", self.planner_steps),
             ));
         }
+        let spans = self.timeline.iter().enumerate();
+        lines.extend(spans.map(|(index, span)| (format!("span {index}"), span.line(self.frame_rate))));
         if self.prompt.is_some() && (self.anchors > 0 || self.tracks() > 0) {
             lines.push(line("planner saw", self.seen()));
         }
@@ -344,8 +350,10 @@ pub struct Parts<'p> {
     pub following: Option<Following>,
     /// Why the planner did not see some of them.
     pub unconditioned_because: Option<String>,
-    /// The motion of the prompt alone, where the planner of the others saw anchors.
+    /// The motion of the prompt alone, where the others have spans or their planner saw anchors.
     pub alone: Option<&'p Outcome>,
+    /// Whether it saw any.
+    pub conditioned: bool,
     /// The run without refinement.
     pub before: &'p Outcome,
     /// The run.
@@ -394,12 +402,13 @@ impl From<&Parts<'_>> for Report {
             anchors: parts.anchors.len(),
             unconditioned_anchors: after.unconditioned_anchors,
             unconditioned_because: parts.unconditioned_because.clone(),
-            planner_conditioned: parts.alone.is_some(),
+            planner_conditioned: parts.conditioned,
             control_error_unconditioned_cm: alone.map(error),
             control_error_before_cm: error(before),
             control_error_after_cm: error(after),
             anchor_errors: parts.anchors.iter().map(errors).collect(),
             following: parts.following.clone(),
+            timeline: after.spans.clone(),
             decoder_evaluations: after.refinement.map_or(0, |r| r.evaluations),
             decoder_gradients: after.refinement.map_or(0, |r| r.gradients),
             edit_rounds: edited.map(|edited| edited.rounds),

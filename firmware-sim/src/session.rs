@@ -1,9 +1,11 @@
 //! One request through the runtime in one static buffer, watched: timings, memory, control-error curve.
 
 use motionette::{
-    Anchor, Error, Generator, JOINTS, Model, Motion, Observer, Obstacle, Plan, Progress, Request, Stage, Stop, Track,
+    Anchor, Error, Generator, JOINTS, Model, Motion, Observer, Obstacle, Plan, Progress, Request, Source, Span, Stage,
+    Stop, Track,
 };
 use motionette_host::console;
+use motionette_host::spans::HeardSpan;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -26,6 +28,11 @@ pub struct Watch {
 impl Observer for Watch {
     fn progress(&mut self, progress: Progress) -> ControlFlow<Stop> {
         (self.report)(&progress);
+        if self.decoding.is_some() && matches!(progress.stage, Stage::Reading | Stage::Planning) {
+            // What was decoded was a span of the timeline; behind the last of them comes the motion itself.
+            self.decoding = None;
+            self.steps.clear();
+        }
         let begun = match progress.stage {
             Stage::Reading | Stage::Planning => None,
             Stage::Refining => Some(&mut self.refining),
@@ -64,11 +71,13 @@ pub struct Outcome {
     pub unconditioned_anchors: u16,
     /// Whether the planner saw some of what the motion is to meet: anchors, or places of tracks.
     pub conditioned: bool,
+    /// What was understood of each span of the timeline.
+    pub spans: Vec<HeardSpan>,
     /// What the refinement did; `None` without one.
     pub refinement: Option<motionette::refining::Report>,
     /// Mean control error of each decoder evaluation, metres, in order.
     pub errors: Vec<f32>,
-    /// Time in text encoder and planner.
+    /// Time in text encoder and planner, and for the motions of a timeline's spans.
     pub planning: Duration,
     /// Time in the solver.
     pub refining: Duration,
@@ -99,16 +108,19 @@ pub fn run(model: &Model<'_>, request: &Request<'_>, report: fn(&Progress)) -> R
         let ended = Instant::now();
         let decoding = watch.decoding.unwrap_or(ended);
         let refining = watch.refining.unwrap_or(decoding);
+        // Of given tokens nothing was planned but spans.
+        let planned = matches!(request.source, Source::Text(_));
         Outcome {
             frame_rate: model.frame_rate(),
             joints: motion.frames().to_vec(),
             u: motion.u().to_vec(),
             tokens: motion.tokens().to_vec(),
-            steps: watch.steps,
+            steps: if planned { watch.steps } else { Vec::new() },
             unknown_words: motion.unknown_words(),
             understood: console::understood(model, &motion),
             unconditioned_anchors: motion.unconditioned_anchors(),
             conditioned: plan.planning.anchors > 0 && !motion.parted(),
+            spans: HeardSpan::of_all(model, request.timeline, motion.spans()),
             refinement: motion.refinement,
             errors: watch.errors,
             planning: refining - watch.started,
@@ -145,13 +157,21 @@ pub struct Conditions<'r> {
     pub tracks: &'r [Track<'r>],
     /// What the body keeps clear of.
     pub obstacles: &'r [Obstacle<'r>],
+    /// What parts of the body do instead.
+    pub timeline: &'r [Span<'r>],
 }
 
 impl Conditions<'_> {
-    /// Whether any of them is met by the edit alone: the reference knows neither tracks nor obstacles.
+    /// Whether any of them is met by the edit alone: tracks or obstacles.
     #[must_use]
     pub const fn has_rows(&self) -> bool {
         !self.tracks.is_empty() || !self.obstacles.is_empty()
+    }
+
+    /// Whether the reference makes a motion of them: it knows no tracks, obstacles or spans.
+    #[must_use]
+    pub const fn known_to_reference(&self) -> bool {
+        !self.has_rows() && self.timeline.is_empty()
     }
 }
 
@@ -163,5 +183,6 @@ pub fn through<'r>(
     refinement: Option<motionette::refining::Config>,
 ) -> Request<'r> {
     let request = request.anchors(conditions.anchors).tracks(conditions.tracks).obstacles(conditions.obstacles);
+    let request = request.timeline(conditions.timeline);
     Request { refinement, ..request }
 }

@@ -8,7 +8,7 @@ use motionette_host::import::bvh::{self, Reading};
 use motionette_host::motion::{FEATURES, Pose, features};
 use motionette_host::reference::Tokenizer;
 use motionette_host::reference::bridge::runtime_token;
-use motionette_host::scene_file::{OwnedObstacle, OwnedTrack};
+use motionette_host::scene_file::{OwnedObstacle, OwnedSpan, OwnedTrack};
 use std::path::Path;
 
 /// What the motion comes from.
@@ -35,6 +35,8 @@ pub struct Source {
     pub tracks: Vec<OwnedTrack>,
     /// What the body keeps clear of.
     pub obstacles: Vec<OwnedObstacle>,
+    /// What parts of the body do instead.
+    pub timeline: Vec<OwnedSpan>,
     /// The recording itself, where there is one.
     pub recorded: Option<Vec<Pose>>,
     /// What the user should know about how it was read.
@@ -54,6 +56,7 @@ pub fn prompt(text: &str) -> Source {
         anchors: Vec::new(),
         tracks: Vec::new(),
         obstacles: Vec::new(),
+        timeline: Vec::new(),
         recorded: None,
         notes: Vec::new(),
     }
@@ -86,6 +89,7 @@ pub fn bundled(id: Option<&str>, frame_rate: u16) -> anyhow::Result<Source> {
         anchors: clip.anchors(frame_rate)?,
         tracks: Vec::new(),
         obstacles: Vec::new(),
+        timeline: Vec::new(),
         recorded: None,
         notes: Vec::new(),
     })
@@ -123,6 +127,7 @@ pub fn recording(
         anchors: Vec::new(),
         tracks: Vec::new(),
         obstacles: Vec::new(),
+        timeline: Vec::new(),
         recorded: Some(processed.joints[..frames].to_vec()),
         notes,
     })

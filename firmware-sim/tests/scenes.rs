@@ -1,5 +1,5 @@
-//! The examples of docs/tracks.md and docs/obstacles.md, as a user runs them: tracks are met and obstacles kept clear of, judged on the motion
-//! that the viewer shows.
+//! The examples of docs/tracks.md, docs/obstacles.md and docs/timeline.md, as a user runs them: tracks are met, obstacles kept clear of and parts
+//! of the body told otherwise, judged on the motion that the viewer shows.
 
 mod browser;
 
@@ -57,9 +57,14 @@ fn numbers(value: &Value) -> Vector {
 impl Run {
     /// Joints of the edited motion, metres.
     fn motion(&self) -> Vec<Vec<Vector>> {
+        self.shown("after")
+    }
+
+    /// Joints of a motion that the page shows, metres.
+    fn shown(&self, id: &str) -> Vec<Vec<Vector>> {
         let shown = self.scene["motions"].as_array().expect("motions");
-        let after = shown.iter().find(|motion| motion["id"] == "after").expect("the edited motion");
-        let bytes = STANDARD.decode(after["positions"].as_str().expect("base64")).expect("base64");
+        let motion = shown.iter().find(|motion| motion["id"] == id).expect(id);
+        let bytes = STANDARD.decode(motion["positions"].as_str().expect("base64")).expect("base64");
         let values: Vec<f64> =
             bytes.chunks_exact(4).map(|b| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]))).collect();
         let points: Vec<Vector> = values.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
@@ -178,6 +183,103 @@ fn the_viewer_shows_tracks_and_obstacles_with_their_curves() {
     }
 }
 
+/// Joints that a timeline moves do something else while it says so, and all others what they do without it.
+#[test]
+fn a_walk_waves_claps_and_raises_a_hand() {
+    let path = example("three.timeline.json").to_string_lossy().into_owned();
+    let run = run(&["--text", "a person walks forward", "--seconds", "8", "--timeline", &path]);
+    let heard = run.figures["timeline"].as_array().expect("a list");
+    assert_eq!(heard.len(), 3, "{}", run.figures);
+    for (index, span) in heard.iter().enumerate() {
+        assert!(span["understood"].is_string() && span["unknown_words"] == Value::Array(Vec::new()), "{span}");
+        assert!(run.text.contains(&format!("  span {index}")), "{}", run.text);
+    }
+    assert!(
+        run.text.contains("right arm, 0.50 to 3.00 s: a person waves the right hand; understood as: "),
+        "{}",
+        run.text
+    );
+    // The planner saw no anchors: there are none.
+    assert_eq!(run.figures["planner_conditioned"], false);
+    assert!(run.figures["planner_token_agreement"].as_f64() > Some(0.9), "{}", run.figures);
+    assert_eq!(run.figures["planner_steps"], 5, "those of the motion itself");
+    let [alone, before, after] = ["alone", "before", "after"].map(|id| run.shown(id));
+    assert_eq!((alone.len(), before.len(), after.len()), (160, 160, 160));
+    let spans = run.scene["timeline"].as_array().expect("a list");
+    let mut most = [0.0_f64; 3];
+    for frame in 0..160_usize {
+        let lasting = spans.iter().enumerate().filter(|(_, span)| {
+            let [first, frames] = ["first", "frames"].map(|name| span[name].as_u64().expect("a number") as usize);
+            (first..first + frames).contains(&frame)
+        });
+        let lasting: Vec<(usize, Vec<u64>)> = lasting
+            .map(|(index, span)| {
+                let joints = span["joints"].as_array().expect("a list").iter();
+                (index, joints.map(|joint| joint.as_u64().expect("a joint")).collect())
+            })
+            .collect();
+        for joint in 0..NAMES.len() {
+            let apart = |motion: &[Vec<Vector>]| {
+                let (a, b) = (motion[frame][joint], alone[frame][joint]);
+                (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+            };
+            match lasting.iter().find(|(_, joints)| joints.contains(&(joint as u64))) {
+                Some((index, _)) => most[*index] = most[*index].max(apart(&after)),
+                // The edit, which comes behind, smooths over all joints.
+                None => assert!(apart(&after) < 5e-3, "joint {joint} at frame {frame}: {} m", apart(&after)),
+            }
+        }
+    }
+    println!("joints that are told otherwise are up to {most:.2?} m from where they were");
+    assert!(most.iter().all(|most| *most > 0.2), "{most:?}");
+    // The one before the edit has them as well.
+    let wrist = |motion: &[Vec<Vector>]| motion[40][21];
+    assert!((0..3).all(|k| (wrist(&before)[k] - wrist(&after)[k]).abs() < 0.1), "{:?}", wrist(&before));
+}
+
+/// Given tokens have spans as well, and the seed counts for these.
+#[test]
+fn a_recorded_motion_waves() {
+    let path = example("wave.timeline.json").to_string_lossy().into_owned();
+    let clips = String::from_utf8(simulate(&["--list"]).stdout).expect("text");
+    let clip = clips.split_whitespace().next().expect("a clip").to_owned();
+    let made = |seed: &str| run(&["--clip", &clip, "--timeline", &path, "--seed", seed]);
+    let (one, two) = (made("1"), made("2"));
+    assert_eq!(one.figures["timeline"][0]["parts"][0], "right_arm", "{}", one.figures);
+    assert_eq!(one.figures["planner_steps"], 0, "{}", one.figures);
+    assert_ne!(one.figures["motion_hash"], two.figures["motion_hash"]);
+    assert_eq!(one.figures["motion_hash"], made("1").figures["motion_hash"], "a replay");
+}
+
+#[test]
+fn the_viewer_shows_the_timeline_and_colours_what_it_moves() {
+    let out = tempfile::tempdir().expect("a temporary folder");
+    let results = out.path().to_string_lossy().into_owned();
+    let path = example("three.timeline.json").to_string_lossy().into_owned();
+    let text = "a person walks forward";
+    let output = simulate(&["--text", text, "--seconds", "8", "--timeline", &path, "--out", &results]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let seen = browser::run(&out.path().join("viewer.html"), include_str!("browser/timeline.js"));
+    let labels = [
+        "right arm: a person waves the right hand",
+        "left arm: a person raises the left hand",
+        "arms: a person claps",
+        "head: a person claps",
+    ];
+    assert_eq!(seen["labels"], Value::from(labels.to_vec()), "{seen}");
+    let title = seen["titles"][0].as_str().expect("a title");
+    assert!(title.starts_with("right arm, 0.50 to 3.00 s: a person waves the right hand; understood as: "), "{seen}");
+    assert_eq!(seen["places"], serde_json::json!([[10, 59], [40, 99], [110, 159], [110, 159]]), "{seen}");
+    assert_eq!(seen["now"], serde_json::json!([true, true, false, false]), "{seen}");
+    assert!(seen["changed"].as_i64() > Some(1000), "{seen}");
+    assert_eq!((&seen["hidden"], &seen["back"]), (&true.into(), &true.into()), "{seen}");
+    assert_eq!(
+        (&seen["frame"], &seen["later"]),
+        (&110.into(), &serde_json::json!([false, false, true, true])),
+        "{seen}"
+    );
+}
+
 #[test]
 fn bad_files_are_named_and_leave_nothing_behind() {
     let out = tempfile::tempdir().expect("a temporary folder");
@@ -192,6 +294,8 @@ fn bad_files_are_named_and_leave_nothing_behind() {
     let ball = write("ball.json", r#"{"obstacles":[{"ball":{"radius":1}}]}"#);
     let fast = write("fast.json", r#"{"obstacles":[{"sphere":{"radius":1},"at":[0,0,9],"velocity":[0,0,99]}]}"#);
     let good = write("good.json", r#"{"tracks":[{"joint":"head","frame":0,"positions":[[0,1.5,0]]}]}"#);
+    let part = write("part.json", r#"{"timeline":[{"parts":"hand","from":0,"to":2,"text":"a person waves"}]}"#);
+    let long = write("long.json", r#"{"timeline":[{"parts":"head","from":1,"to":5,"text":"a person nods"}]}"#);
     let results = out.path().join("results").to_string_lossy().into_owned();
     for (arguments, expected) in [
         (&["--tracks", &broken][..], "line 1"),
@@ -202,6 +306,9 @@ fn bad_files_are_named_and_leave_nothing_behind() {
         (&["--scene", &fast], "obstacle 0: it moves at 99 m/s"),
         (&["--scene", &good], "a scene file is"),
         (&["--tracks", &good, "--refinement", "fast:3"], "take exact"),
+        (&["--timeline", &good], "a timeline file is"),
+        (&["--timeline", &part], "span 0: there is no part \"hand\"; parts are head"),
+        (&["--timeline", &long, "--seconds", "3"], "end it within 3 s, or give --seconds 5"),
     ] {
         let output = simulate(&[arguments, &["--text", "a person walks", "--out", &results]].concat());
         let said = String::from_utf8_lossy(&output.stderr).into_owned();

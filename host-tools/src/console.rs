@@ -5,7 +5,8 @@ use std::process::ExitCode;
 use std::sync::{Mutex, PoisonError};
 
 use motionette::refining::Strain;
-use motionette::{Model, Motion};
+use motionette::text::words::UNKNOWN;
+use motionette::{Model, Motion, Words};
 
 /// Standard output took not everything.
 #[derive(Debug, thiserror::Error)]
@@ -51,6 +52,13 @@ pub fn understood(model: &Model<'_>, motion: &Motion<'_>) -> Option<String> {
     let clauses = motion.understood().into_iter().chain(motion.then());
     let clauses: Vec<String> = clauses.map(|clause| model.in_words(clause).to_string()).collect();
     (!clauses.is_empty()).then(|| clauses.join(", then "))
+}
+
+/// The words of a text that a model does not know; none of one that reads no words.
+pub fn unknown_words(model: &Model<'_>, text: &str) -> Vec<String> {
+    let Some(encoder) = model.text().and_then(|text| text.encoder()) else { return Vec::new() };
+    let unknown = Words::new(text).filter(|word| encoder.vocabulary().id(word) == UNKNOWN);
+    unknown.map(|word| word.as_str().to_owned()).collect()
 }
 
 /// A line on standard error: what is under way. A run does not end because nobody can read it.

@@ -17,8 +17,9 @@
 //! | [`servos`] | what a robot's servos make of a motion |
 //! | [`robot_file`] | `robot.toml`: servos, what they follow and what they may do |
 //! | [`anchors_file`] | `anchors.json`: where the motion must pass |
-//! | [`scene_file`] | tracks, where joints are at many frames, and obstacles, which the figure keeps clear of |
+//! | [`scene_file`] | tracks, where joints are at many frames, obstacles, which the figure keeps clear of, and timelines of parts of the body |
 //! | [`followed`] | what came of tracks and obstacles, as figures and in words |
+//! | [`spans`] | what was understood of a timeline's spans, and what to do about one that is refused |
 //! | [`entries`] | lists of objects in JSON files, read so that complaints name entry and field |
 //! | [`metrics`] | figures of a motion: jerk, foot skating, joint errors, control error |
 //! | [`agreement`] | how far two motions are apart |
@@ -59,4 +60,5 @@ pub mod reference;
 pub mod robot_file;
 pub mod scene_file;
 pub mod servos;
+pub mod spans;
 pub mod verify;

@@ -45,13 +45,13 @@ pub struct Planning {
     pub guided: bool,
     /// Whether the planner sees anchors.
     pub conditioned: bool,
-    /// How often the weights of the planner's layers are read from flash: once for so many rows of a pass.
+    /// How often the weights of the planner's layers are read from flash: once for so many rows of a pass, of the motion's and of its spans'.
     pub reads: usize,
     /// Arena bytes; decoding and refinement take the same place afterwards.
     pub bytes: usize,
     /// These by purpose; the sum is `bytes`.
     pub arena: Vec<Share>,
-    /// Multiply-accumulates at most.
+    /// Multiply-accumulates at most, with the motions of a timeline's spans.
     pub macs: u64,
 }
 
@@ -144,6 +144,8 @@ pub struct Report {
     pub ram_bytes: usize,
     /// The arena by purpose; the sum is `arena_bytes`.
     pub arena: Vec<Share>,
+    /// Bytes of what the spans of a timeline keep while the motion is made.
+    pub timeline_bytes: usize,
     /// Bytes of the edit behind the decoder, in the place of the solver's.
     pub edit_bytes: usize,
     /// Bytes of the blob.
@@ -185,6 +187,8 @@ pub fn plan(
         let words = if model.vector_width().is_some() { 0 } else { limits.words.clamp(1, most) };
         planning::PlanningLimits { words, anchors, ..limits }
     });
+    // A model without a planner makes none.
+    let spans = if planning.is_some() { spans } else { 0 };
     let timeline = planning.filter(|_| spans > 0).map(|limits| TimelineLimits {
         directions: (DIRECTIONS * tokens * model.frames_per_token()) as u32,
         tokens: tokens as u16,
@@ -225,10 +229,11 @@ pub fn plan(
             steps: limits.steps,
             guided: limits.guided,
             conditioned: limits.anchors,
-            reads: match model.planner() {
-                Some(planner) if planner.in_turn() => 1 + tokens,
-                _ => usize::from(limits.steps) * (1 + usize::from(limits.guided)) * (1 + tokens).div_ceil(rows),
-            },
+            reads: (1 + spans)
+                * match model.planner() {
+                    Some(planner) if planner.in_turn() => 1 + tokens,
+                    _ => usize::from(limits.steps) * (1 + usize::from(limits.guided)) * (1 + tokens).div_ceil(rows),
+                },
             bytes: plan.planning.all(),
             arena: vec![
                 share("text, keys and values", plan.planning.text),
@@ -242,6 +247,7 @@ pub fn plan(
         arena_bytes: plan.arena_bytes,
         ram_bytes: plan.arena_bytes + size_of::<Generator<'_>>(),
         arena,
+        timeline_bytes: plan.timeline_bytes,
         edit_bytes: plan.edit_bytes,
         flash_bytes: blob.bytes().len(),
         flash: flash(blob)?,
@@ -361,6 +367,7 @@ pub fn model_rs(report: &Report, blob_path: &str) -> String {
         frames,
         anchors,
         tracked,
+        spans,
         rows,
         solver_evaluations,
         arena_bytes,
@@ -401,6 +408,8 @@ pub const FRAMES: usize = {frames};
 pub const ANCHORS: usize = {anchors};
 /// Largest request: joints with rows at many frames, for tracks and obstacles.
 pub const TRACKED: usize = {tracked};
+/// Largest request: spans of a timeline, each as long as the motion.
+pub const SPANS: usize = {spans};
 /// Largest request: decoder evaluations of the solver.
 pub const EVALUATIONS: u16 = {solver_evaluations};
 /// Rows at a time, which the generator is to be told where they are not 8: `generator.set_rows(ROWS)`.

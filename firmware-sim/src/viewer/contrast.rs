@@ -53,7 +53,7 @@ fn formula_of_known_pairs() {
 fn text_and_marks_stand_out_in_both_themes() {
     for theme in [":root", ":root[data-theme=\"light\"]"] {
         let palette = palette(theme);
-        assert_eq!(palette.len(), 15, "{theme}: {palette:?}");
+        assert_eq!(palette.len(), 16, "{theme}: {palette:?}");
         let colour = |name: &str| palette[name];
         let mut texts = Vec::new();
         for rule in STYLE.split('}') {
@@ -89,7 +89,7 @@ fn text_and_marks_stand_out_in_both_themes() {
             }
         }
         // Swatches and the canvas: bodies, trails, anchors, and the label of the anchor that is being met.
-        for mark in ["accent", "target", "before", "alone", "robot", "reference", "fault"] {
+        for mark in ["accent", "target", "before", "alone", "robot", "reference", "fault", "span"] {
             for ground in SURFACES {
                 let found = contrast(colour(mark), colour(ground));
                 assert!(found >= GRAPHICS, "{theme}: {mark} on {ground} has {found:.2}");

@@ -6,6 +6,7 @@
 #[cfg(test)]
 mod contrast;
 mod surroundings;
+mod timeline;
 
 use crate::intervals::Interval;
 use crate::report::AnchorErrors;
@@ -16,11 +17,12 @@ use motionette_host::motion::{Pose, widened};
 use motionette_host::reference;
 use serde::Serialize;
 pub use surroundings::{Clearances, ShownObstacle, ShownTrack, Surroundings};
+pub use timeline::ShownSpan;
 
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/style.css");
 /// Scripts in the order in which they build on one another.
-const SCRIPTS: [&str; 13] = [
+const SCRIPTS: [&str; 14] = [
     include_str!("page/scene.js"),
     include_str!("page/camera.js"),
     include_str!("page/body.js"),
@@ -32,6 +34,7 @@ const SCRIPTS: [&str; 13] = [
     include_str!("page/tokens.js"),
     include_str!("page/intervals.js"),
     include_str!("page/feet.js"),
+    include_str!("page/timeline.js"),
     include_str!("page/servos.js"),
     include_str!("page/app.js"),
 ];
@@ -146,6 +149,8 @@ pub struct Scene<'s> {
     pub obstacles: Vec<ShownObstacle>,
     /// How clear of it the motions are; `None` without obstacles.
     pub clearance: Option<Clearances>,
+    /// What parts of the body do instead.
+    pub timeline: Vec<ShownSpan>,
     /// The robot that played it.
     pub robot: &'s ShownRobot,
     /// How anchors were met; nothing where none were.

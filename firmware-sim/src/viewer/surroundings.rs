@@ -167,7 +167,7 @@ mod tests {
             Track::new(Joint::Head, 0, &positions).axes([true, false, true]),
         ];
         let obstacles = [Obstacle::new(Shape::Sphere { radius: 0.5 }, [0.0, 0.0, 2.0])];
-        let conditions = Conditions { anchors: &[], tracks: &tracks, obstacles: &obstacles };
+        let conditions = Conditions { anchors: &[], tracks: &tracks, obstacles: &obstacles, timeline: &[] };
         let around = Surroundings { conditions: &conditions, frame_rate: 20 };
         let motion = vec![[[0.0; 3]; JOINTS]; 2];
         let clear = around.clearance([&motion, &motion]).expect("an obstacle");

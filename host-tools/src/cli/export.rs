@@ -55,7 +55,7 @@ pub(super) struct Source {
     /// A recording to read instead of making a motion; brought to 20 frames a second.
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "blob", "seconds", "seed", "steps", "schedule", "guidance", "sampling", "temperature", "top_k", "top_p", "unconditioned",
-        "tracks", "scene"
+        "tracks", "scene", "timeline"
     ])]
     bvh: Option<PathBuf>,
     #[command(flatten)]

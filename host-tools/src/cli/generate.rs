@@ -102,6 +102,7 @@ impl Cmd {
             "loosened_anchors": loosened,
             "following": made.following,
             "planner_saw_tracks": made.saw_tracks,
+            "timeline": made.timeline,
             "rigid_mean_cm": 100.0 * rigid.mean,
             "rigid_largest_cm": 100.0 * rigid.largest,
             "hash": format!("{:016x}", made.hash),

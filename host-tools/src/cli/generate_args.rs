@@ -7,8 +7,7 @@ use clap::{ArgGroup, Args, ValueEnum};
 use motionette::generation::tokens::{Length, Planning, Sampling, Schedule};
 use motionette::refining::Report;
 use motionette::request::prompt::{Prompt, PromptError};
-use motionette::text::words::{UNKNOWN, Words};
-use motionette::{Anchor, Generator, Model, Obstacle, Request, Track, TrackError};
+use motionette::{Anchor, Generator, Model, Obstacle, Request, Span, Track, TrackError};
 
 use super::{Refinement, say};
 use crate::anchors_file;
@@ -18,7 +17,8 @@ use crate::followed::{self, Following};
 use crate::import::npy;
 use crate::metrics;
 use crate::motion::Pose;
-use crate::scene_file::{self, OwnedObstacle, OwnedTrack};
+use crate::scene_file::{self, OwnedObstacle, OwnedSpan, OwnedTrack};
+use crate::spans::{self, HeardSpan};
 
 /// The motion that is asked for. Commands say which of these they need.
 #[derive(Debug, Args)]
@@ -72,6 +72,9 @@ pub(super) struct GenerateArgs {
     /// What the body keeps clear of (docs/obstacles.md).
     #[arg(long, value_name = "FILE", requires = "blob")]
     scene: Option<PathBuf>,
+    /// What parts of the body do instead, each over a span of the motion (docs/timeline.md).
+    #[arg(long, value_name = "FILE", requires = "blob")]
+    timeline: Option<PathBuf>,
     /// Plan as if there were no anchors and tracks, and only bend the motion onto them.
     #[arg(long, requires = "places")]
     unconditioned: bool,
@@ -109,6 +112,8 @@ pub(super) struct Made {
     pub following: Option<Following>,
     /// Whether the planner saw places of the tracks; `None` without tracks.
     pub saw_tracks: Option<bool>,
+    /// What was understood of each span of the timeline.
+    pub timeline: Vec<HeardSpan>,
     /// How far the bone that is farthest from its length is from it, metres.
     pub bone_error: f64,
     /// Multiply-accumulates at most, of planning and of all.
@@ -160,7 +165,9 @@ impl GenerateArgs {
         let obstacles = self.obstacles(model.frame_rate())?;
         let obstacles: Vec<Obstacle<'_>> = obstacles.iter().map(OwnedObstacle::borrowed).collect();
         let request = self.request(&model, length, (&anchors, vector.as_deref()));
-        let request = request.tracks(&tracks).obstacles(&obstacles);
+        let timeline = self.timeline(model.frame_rate())?;
+        let timeline: Vec<Span<'_>> = timeline.iter().map(OwnedSpan::borrowed).collect();
+        let request = request.tracks(&tracks).obstacles(&obstacles).timeline(&timeline);
 
         // An arena of exactly the size that the request takes.
         let plan = Generator::new(blob.model()?, &mut [])
@@ -169,13 +176,17 @@ impl GenerateArgs {
         let mut arena = vec![0_u128; plan.arena_bytes.div_ceil(16)];
         let mut generator = Generator::new(blob.model()?, bytemuck::cast_slice_mut(&mut arena))?;
         let motion = generator.generate(&request, &mut ()).map_err(|error| self.refused(&model, error))?;
-        let unknown = self.unknown_words(&model);
+        let unknown = self.text.as_ref().map_or_else(Vec::new, |text| console::unknown_words(&model, text));
         if !unknown.is_empty() {
             say(&format!("note: words the vocabulary does not have: {}", unknown.join(", ")));
         }
         let understood = console::understood(&model, &motion);
         if let Some(understood) = &understood {
             say(&format!("understood as: {understood}"));
+        }
+        let heard = HeardSpan::of_all(&model, &timeline, motion.spans());
+        for (index, span) in heard.iter().enumerate() {
+            say(&format!("span {index}: {}", span.line(motion.frame_rate())));
         }
         let unconditioned = self.unconditioned(&blob, (motion.unconditioned_anchors(), motion.parted()))?;
         if let Some((count, why)) = &unconditioned {
@@ -201,6 +212,7 @@ impl GenerateArgs {
         Ok(Made {
             following,
             saw_tracks,
+            timeline: heard,
             frames: motion.frames().to_vec(),
             frame_rate: motion.frame_rate(),
             tokens: motion.tokens().to_vec(),
@@ -238,6 +250,13 @@ impl GenerateArgs {
         let read = |path| scene_file::read_scene(path, frame_rate);
         let obstacles = self.scene.as_deref().map(read).transpose().context("reading the scene")?;
         Ok(obstacles.unwrap_or_default())
+    }
+
+    /// What parts of the body do instead.
+    fn timeline(&self, frame_rate: u16) -> Result<Vec<OwnedSpan>> {
+        let read = |path| scene_file::read_timeline(path, frame_rate);
+        let timeline = self.timeline.as_deref().map(read).transpose().context("reading the timeline")?;
+        Ok(timeline.unwrap_or_default())
     }
 
     fn length(&self, model: &Model<'_>) -> Result<Length> {
@@ -315,18 +334,10 @@ impl GenerateArgs {
             motionette::Error::Tracks(TrackError::NotExact) => {
                 "; leave --refinement out, or give one that ends in exact".to_owned()
             }
+            motionette::Error::Timeline(error) => spans::instead(model, error, true),
             _ => String::new(),
         };
         anyhow::Error::new(error).context(format!("the runtime refuses the request{instead}"))
-    }
-
-    /// The words of the text that the model does not know.
-    fn unknown_words(&self, model: &Model<'_>) -> Vec<String> {
-        let (Some(text), Some(encoder)) = (&self.text, model.text().and_then(|t| t.encoder())) else {
-            return Vec::new();
-        };
-        let unknown = Words::new(text).filter(|word| encoder.vocabulary().id(word) == UNKNOWN);
-        unknown.map(|word| word.as_str().to_owned()).collect()
     }
 }
 

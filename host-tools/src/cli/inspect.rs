@@ -80,7 +80,7 @@ fn show(i: &Inspection) {
     }
     say(&format!("  tokens      {}, at most {} of {} frames", i.generator, i.max_tokens, i.frames_per_token));
     say(&format!(
-        "  features    {} (of the runtime's cargo features; `refining` for anchors that are met)",
+        "  features    {} (of the runtime's cargo features; for requests with anchors, tracks, obstacles or a timeline also `editing`, `tracks`, `obstacles`, `timeline`)",
         i.features.join(", ")
     ));
     say(&format!("  licence     {}", i.licence));

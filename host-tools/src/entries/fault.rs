@@ -53,7 +53,7 @@ pub enum Fault {
     /// A time before the start.
     #[error("{field} {value} lies before the start of the motion; times count from 0")]
     Negative {
-        /// `time` or `frame`.
+        /// The field, as `time` or `frame`.
         field: &'static str,
         /// The number.
         value: f64,
@@ -61,7 +61,7 @@ pub enum Fault {
     /// A time no motion reaches: beyond frame 65535.
     #[error("{field} {value} lies beyond any motion (frame {}, {} s)", u16::MAX, f64::from(u16::MAX) / f64::from(*frame_rate))]
     TooLate {
-        /// `time` or `frame`.
+        /// The field, as `time` or `frame`.
         field: &'static str,
         /// The number.
         value: f64,

@@ -104,32 +104,30 @@ pub(crate) fn coordinates<const N: usize>(
 /// Exactly one of `time` and `frame`, as a frame.
 pub(crate) fn frame(time: Option<&Node>, frame: Option<&Node>, frame_rate: u16) -> Result<u16, Fault> {
     match (time, frame) {
-        (Some(time), None) => frame_at(seconds(time)?, frame_rate),
-        (None, Some(frame)) => frame_number(frame, frame_rate),
+        (Some(time), None) => frame_at("time", seconds("time", time)?, frame_rate),
+        (None, Some(frame)) => frame_number("frame", frame, frame_rate),
         (Some(_), Some(_)) => Err(Fault::TwoTimes),
         (None, None) => Err(Fault::NoTime),
     }
 }
 
 /// A time in seconds from the start on.
-pub(crate) fn seconds(value: &Node) -> Result<f64, Fault> {
-    let field = "time";
+pub(crate) fn seconds(field: &'static str, value: &Node) -> Result<f64, Fault> {
     let time = value.as_f64().ok_or_else(|| wrong(field, "a number of seconds", value))?;
     if time < 0.0 { Err(Fault::Negative { field, value: time }) } else { Ok(time) }
 }
 
 /// The frame nearest to a time in seconds.
-fn frame_at(time: f64, frame_rate: u16) -> Result<u16, Fault> {
+pub(crate) fn frame_at(field: &'static str, time: f64, frame_rate: u16) -> Result<u16, Fault> {
     let frame = (time * f64::from(frame_rate)).round();
     if frame > f64::from(u16::MAX) {
-        return Err(Fault::TooLate { field: "time", value: time, frame_rate });
+        return Err(Fault::TooLate { field, value: time, frame_rate });
     }
     Ok(frame as u16)
 }
 
 /// The number of a frame.
-pub(crate) fn frame_number(value: &Node, frame_rate: u16) -> Result<u16, Fault> {
-    let field = "frame";
+pub(crate) fn frame_number(field: &'static str, value: &Node, frame_rate: u16) -> Result<u16, Fault> {
     if let Some(frame) = value.as_u64() {
         return u16::try_from(frame).map_err(|_| Fault::TooLate { field, value: frame as f64, frame_rate });
     }

@@ -1,19 +1,23 @@
-//! What can be wrong with a tracks file or a scene file.
+//! What can be wrong with a tracks file, a scene file or a timeline file.
 
 use std::fmt;
 use std::path::PathBuf;
+
+use motionette::BodyParts;
 
 use crate::entries::{Fault, Misformed};
 use crate::motion::skeleton;
 use crate::output;
 
-/// Which of the two files.
+/// Which of the files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum List {
     /// A tracks file.
     Tracks,
     /// A scene file.
     Obstacles,
+    /// A timeline file.
+    Timeline,
 }
 
 impl List {
@@ -24,6 +28,9 @@ impl List {
                 r#"a tracks file is {"tracks": [{"joint": "right_wrist", "frame": 0, "positions": [[x, y, z], ...]}, ...]}"#
             }
             List::Obstacles => r#"a scene file is {"obstacles": [{"sphere": {"radius": 0.3}, "at": [x, y, z]}, ...]}"#,
+            List::Timeline => {
+                r#"a timeline file is {"timeline": [{"parts": "right_arm", "from": 1.0, "to": 3.0, "text": "a person waves"}, ...]}"#
+            }
         }
     }
 }
@@ -33,7 +40,7 @@ impl List {
 pub struct Place {
     /// The list.
     pub list: List,
-    /// The track or obstacle.
+    /// The track, obstacle or span.
     pub index: usize,
     /// The keyframe of an obstacle.
     pub keyframe: Option<usize>,
@@ -50,6 +57,11 @@ impl Place {
         Place { list: List::Obstacles, index, keyframe: None }
     }
 
+    /// A span of a timeline.
+    pub(super) const fn span(index: usize) -> Self {
+        Place { list: List::Timeline, index, keyframe: None }
+    }
+
     /// A keyframe of this obstacle.
     pub(super) const fn keyframe(self, keyframe: usize) -> Self {
         Place { keyframe: Some(keyframe), ..self }
@@ -61,6 +73,7 @@ impl fmt::Display for Place {
         let name = match self.list {
             List::Tracks => "track",
             List::Obstacles => "obstacle",
+            List::Timeline => "span",
         };
         write!(f, "{name} {}", self.index)?;
         self.keyframe.map_or(Ok(()), |keyframe| write!(f, ", keyframe {keyframe}"))
@@ -80,7 +93,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The file cannot be written.
-    #[error("the tracks file cannot be written")]
+    #[error("the file cannot be written")]
     Write(#[source] output::Error),
     /// The text is not JSON, or not an object with the one list of objects.
     #[error("line {line}, column {column}: {message}; {}", list.form())]
@@ -171,10 +184,10 @@ pub enum Error {
         fields: Vec<&'static str>,
     },
     /// Two fields that exclude each other.
-    #[error("obstacle {index}: {first} and {second} are both given; keep one")]
+    #[error("{place}: {first} and {second} are both given; keep one")]
     Both {
-        /// The obstacle.
-        index: usize,
+        /// The entry.
+        place: Place,
         /// The one.
         first: &'static str,
         /// The other.
@@ -199,6 +212,41 @@ pub enum Error {
         index: usize,
         /// Its joint.
         joint: u8,
+    },
+    /// A part of the body that has no name.
+    #[error("span {index}: there is no part {found:?}; parts are {}", BodyParts::NAMED.map(|(name, _)| name).join(", "))]
+    UnknownPart {
+        /// The span.
+        index: usize,
+        /// The name.
+        found: String,
+    },
+    /// No part at all, so there is no name to write.
+    #[error("span {index}: it moves no part; name some")]
+    NoParts {
+        /// The span.
+        index: usize,
+    },
+    /// When a span lasts is said in no way, by halves, or in both ways.
+    #[error(
+        "span {index}: {}; give either from and to (seconds) or first_frame and frames",
+        if given.is_empty() { "no time".to_owned() } else { format!("its times are {}", given.join(", ")) }
+    )]
+    SpanTimes {
+        /// The span.
+        index: usize,
+        /// The fields given.
+        given: Vec<&'static str>,
+    },
+    /// A span that ends where it begins, or before.
+    #[error("span {index}: to, {to} s, is not behind from, {from} s; give a later one")]
+    EndsFirst {
+        /// The span.
+        index: usize,
+        /// Its beginning, seconds.
+        from: f64,
+        /// Its end, seconds.
+        to: f64,
     },
 }
 

@@ -1,4 +1,5 @@
-//! Tracks and scenes: where joints are to be at many frames, and what the figure keeps clear of.
+//! Tracks, scenes and timelines: where joints are to be at many frames, what the figure keeps clear of, and what parts of the body do
+//! instead.
 //!
 //! ```json
 //! {"tracks": [
@@ -36,19 +37,36 @@
 //! | `margin` | m | how far the figure keeps away from its surface, 0 to 1; 0.05 if it is left out |
 //! | `joints` | - | names of the joints that keep clear, each with the bone from its parent; all if it is left out |
 //!
+//! ```json
+//! {"timeline": [
+//!   {"parts": "right_arm", "from": 1.0, "to": 3.0, "text": "a person waves the right hand"},
+//!   {"parts": ["left_arm", "head"], "first_frame": 60, "frames": 30, "prompt": "wave"}
+//! ]}
+//! ```
+//!
+//! | field of a span | unit | meaning |
+//! |---|---|---|
+//! | `parts` | - | what moves: a name of [`motionette::BodyParts::NAMED`], or a list of them |
+//! | `from`, `to` | s | when, from the start, each taken to the nearest frame. Exactly one of these two and the next two |
+//! | `first_frame`, `frames` | - | the same as a frame number from 0 and a count |
+//! | `text`, `prompt` | - | what they do: words, or the name of a prompt that the model stores. Exactly one of them |
+//!
 //! Coordinates are those of [`crate::anchors_file`]. Other fields are refused. What a request demands besides (nothing behind the end of the
-//! motion, no track through an obstacle, not too many) checks the runtime. `docs/tracks.md` and `docs/obstacles.md` say the same to users.
+//! motion, no track through an obstacle, no two spans of one part at a time, not too many) checks the runtime. `docs/tracks.md`,
+//! `docs/obstacles.md` and `docs/timeline.md` say the same to users.
 
 mod error;
 mod obstacle;
 #[cfg(test)]
 mod tests;
+mod timeline;
 mod track;
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::Deserialize;
+use serde_json::Value;
 
 use crate::entries::{self, Entry};
 use crate::input;
@@ -56,6 +74,7 @@ use crate::motion::skeleton;
 use crate::output;
 pub use error::{Error, List, Place};
 pub use obstacle::{OwnedCourse, OwnedObstacle};
+pub use timeline::{OwnedPrompt, OwnedSpan, names_of_parts};
 pub use track::OwnedTrack;
 
 #[derive(Deserialize)]
@@ -68,6 +87,12 @@ struct Tracks {
 #[serde(deny_unknown_fields)]
 struct Scene {
     obstacles: Vec<Entry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Timeline {
+    timeline: Vec<Entry>,
 }
 
 fn read(path: &Path) -> Result<String, Error> {
@@ -108,6 +133,24 @@ pub fn read_scene(path: &Path, frame_rate: u16) -> Result<Vec<OwnedObstacle>, Er
 pub fn parse_scene(text: &str, frame_rate: u16) -> Result<Vec<OwnedObstacle>, Error> {
     let file: Scene = entries::parse(text).map_err(|misformed| Error::json(List::Obstacles, misformed))?;
     file.obstacles.iter().enumerate().map(|(index, entry)| obstacle::obstacle(entry, index, frame_rate)).collect()
+}
+
+/// Reads a timeline file for a motion of `frame_rate` frames a second.
+///
+/// # Errors
+/// [`Error::Read`] when the file cannot be read, else as [`parse_timeline`].
+pub fn read_timeline(path: &Path, frame_rate: u16) -> Result<Vec<OwnedSpan>, Error> {
+    parse_timeline(&read(path)?, frame_rate)
+}
+
+/// Parses the text of a timeline file for a motion of `frame_rate` frames a second. Spans keep their order; an empty list is fine.
+///
+/// # Errors
+/// [`Error`], with line and column for text that is not JSON of this form and with the span's index (from 0) and field for content that
+/// makes no sense.
+pub fn parse_timeline(text: &str, frame_rate: u16) -> Result<Vec<OwnedSpan>, Error> {
+    let file: Timeline = entries::parse(text).map_err(|misformed| Error::json(List::Timeline, misformed))?;
+    file.timeline.iter().enumerate().map(|(index, entry)| timeline::span(entry, index, frame_rate)).collect()
 }
 
 /// Writes tracks as a file that [`read_tracks`] gives back.
@@ -153,6 +196,47 @@ pub fn tracks_text(tracks: &[OwnedTrack]) -> Result<String, Error> {
             let _ = write!(text, "[{}, {}, {}]", x?, y?, z?);
         }
         text.push_str("\n  ]}");
+    }
+    text.push_str("\n]}\n");
+    Ok(text)
+}
+
+/// Writes a timeline as a file that [`read_timeline`] gives back.
+///
+/// # Errors
+/// Those of [`timeline_text`], [`Error::Write`] when the file cannot be written.
+pub fn write_timeline(path: &Path, spans: &[OwnedSpan]) -> Result<(), Error> {
+    let text = timeline_text(spans)?;
+    output::write_atomic(path, |w| w.write_all(text.as_bytes())).map_err(Error::Write)
+}
+
+/// The text of such a file: `first_frame` and `frames` rather than seconds. All of it comes back.
+///
+/// # Errors
+/// [`Error::NoParts`], and [`Error::Range`] for a span without frames.
+pub fn timeline_text(spans: &[OwnedSpan]) -> Result<String, Error> {
+    let mut text = String::from("{\"timeline\": [");
+    // Writing to a string cannot fail.
+    for (index, span) in spans.iter().enumerate() {
+        let parts = match names_of_parts(span.parts)[..] {
+            [] => return Err(Error::NoParts { index }),
+            [name] => Value::from(name),
+            ref names => names.iter().copied().collect(),
+        };
+        if span.frames == 0 {
+            let place = Place::span(index);
+            return Err(Error::Range { place, field: "frames", value: 0.0, range: timeline::LENGTHS });
+        }
+        let (field, prompt) = match &span.prompt {
+            OwnedPrompt::Text(text) => ("text", text),
+            OwnedPrompt::Bank(name) => ("prompt", name),
+        };
+        let (comma, first, frames) = (if index == 0 { "" } else { "," }, span.first, span.frames);
+        let prompt = Value::from(prompt.as_str());
+        let _ = write!(
+            text,
+            "{comma}\n  {{\"parts\": {parts}, \"first_frame\": {first}, \"frames\": {frames}, \"{field}\": {prompt}}}"
+        );
     }
     text.push_str("\n]}\n");
     Ok(text)

@@ -71,7 +71,7 @@ pub(super) fn obstacle(entry: &Entry, index: usize, frame_rate: u16) -> Result<O
         return Err(Error::Shape { index, fields: given.into_iter().map(|(name, _)| name).collect() });
     };
     let (shape, middle) = reader.shape(name, form)?;
-    let both = |first, second| Error::Both { index, first, second };
+    let both = |first, second| Error::Both { place: reader.place, first, second };
     let at = match (at, middle) {
         (Some(_), Some(_)) => return Err(both("at", "capsule's from and to")),
         (Some(at), None) => Some(reader.of(entries::coordinates("at", THREE, at))?),

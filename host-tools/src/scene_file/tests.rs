@@ -1,4 +1,4 @@
-use motionette::{ALL_JOINTS, Course, Keyframe, Shape};
+use motionette::{ALL_JOINTS, BodyParts, Course, Keyframe, Prompt, Shape};
 
 use super::*;
 use crate::entries::Fault;
@@ -21,6 +21,10 @@ fn tracks(list: &str, frame_rate: u16) -> Vec<OwnedTrack> {
 
 fn obstacles(list: &str) -> Vec<OwnedObstacle> {
     parse_scene(&format!("{{\"obstacles\": [{list}]}}"), 20).expect(list)
+}
+
+fn spans(list: &str) -> Vec<OwnedSpan> {
+    parse_timeline(&format!("{{\"timeline\": [{list}]}}"), 20).expect(list)
 }
 
 #[test]
@@ -276,6 +280,120 @@ fn keyframes_are_refused_with_their_number() {
 }
 
 #[test]
+fn spans_as_they_stand() {
+    let read = spans(
+        r#"{"parts":"right_arm","from":1.0,"to":3.02,"text":"a person waves"},
+        {"parts":["left_arm","head"],"first_frame":60,"frames":30,"prompt":"wave"},
+        {"parts":["Upper Body","LEFT-LEG","head"],"from":0,"to":0.01,"text":""}"#,
+    );
+    let text = |text: &str| OwnedPrompt::Text(text.to_owned());
+    let arm = OwnedSpan { parts: BodyParts::RIGHT_ARM, first: 20, frames: 40, prompt: text("a person waves") };
+    let both = BodyParts::LEFT_ARM.and(BodyParts::HEAD);
+    let stored = OwnedSpan { parts: both, first: 60, frames: 30, prompt: OwnedPrompt::Bank("wave".to_owned()) };
+    let all = BodyParts::UPPER_BODY.and(BodyParts::LEFT_LEG);
+    // What is too short for a span, or says nothing, refuses the runtime.
+    let short = OwnedSpan { parts: all, first: 0, frames: 0, prompt: text("") };
+    assert_eq!(read, [arm.clone(), stored.clone(), short]);
+    let (arm, stored) = (arm.borrowed(), stored.borrowed());
+    assert_eq!(
+        (arm.parts, arm.first, arm.end(), arm.prompt),
+        (BodyParts::RIGHT_ARM, 20, 60, Prompt::Text("a person waves"))
+    );
+    assert_eq!((stored.end(), stored.prompt), (90, Prompt::Bank("wave")));
+    assert_eq!(parse_timeline("\u{feff}{\"timeline\": []}", 20).expect("an empty list"), []);
+}
+
+#[test]
+fn spans_are_refused_with_index_and_field() {
+    for (span, parts) in [
+        (r#"{"from":1,"to":2,"text":"a"}"#, &["parts is missing; give \"parts\": \"right_arm\""][..]),
+        (
+            r#"{"parts":"rigth_arm","from":1,"to":2,"text":"a"}"#,
+            &[
+                "no part \"rigth_arm\"; parts are head, left_arm, right_arm, left_leg, right_leg, arms, legs, upper_body",
+            ],
+        ),
+        (r#"{"parts":["head","tail"],"from":1,"to":2,"text":"a"}"#, &["no part \"tail\""]),
+        (r#"{"parts":[],"from":1,"to":2,"text":"a"}"#, &["parts must be the name of a part", "not []"]),
+        (r#"{"parts":["head",4],"from":1,"to":2,"text":"a"}"#, &["parts must be the name", "or a list", "not 4"]),
+        (r#"{"parts":null,"from":1,"to":2,"text":"a"}"#, &["parts must be the name", "not null"]),
+        (r#"{"parts":"head","text":"a"}"#, &["no time; give either from and to (seconds) or first_frame and frames"]),
+        (r#"{"parts":"head","from":1,"text":"a"}"#, &["its times are from; give either from and to"]),
+        (r#"{"parts":"head","frames":9,"text":"a"}"#, &["its times are frames;"]),
+        (r#"{"parts":"head","from":1,"frames":9,"text":"a"}"#, &["its times are from, frames;"]),
+        (
+            r#"{"parts":"head","from":1,"to":2,"first_frame":1,"frames":9,"text":"a"}"#,
+            &["its times are from, to, first_frame, frames;"],
+        ),
+        (r#"{"parts":"head","from":1,"from":1,"to":2,"text":"a"}"#, &["from is given twice"]),
+        (r#"{"parts":"head","from":"1","to":2,"text":"a"}"#, &["from must be a number of seconds, not \"1\""]),
+        (r#"{"parts":"head","from":-1,"to":2,"text":"a"}"#, &["from -1 lies before the start of the motion"]),
+        (r#"{"parts":"head","from":1,"to":4000,"text":"a"}"#, &["to 4000 lies beyond any motion"]),
+        (r#"{"parts":"head","from":2,"to":1.5,"text":"a"}"#, &["to, 1.5 s, is not behind from, 2 s; give a later one"]),
+        (r#"{"parts":"head","from":2,"to":2,"text":"a"}"#, &["to, 2 s, is not behind from, 2 s"]),
+        (r#"{"parts":"head","first_frame":-1,"frames":9,"text":"a"}"#, &["first_frame -1 lies before the start"]),
+        (r#"{"parts":"head","first_frame":0.5,"frames":9,"text":"a"}"#, &["first_frame must be a whole number"]),
+        (r#"{"parts":"head","first_frame":70000,"frames":9,"text":"a"}"#, &["first_frame 70000 lies beyond"]),
+        (r#"{"parts":"head","first_frame":0,"frames":0,"text":"a"}"#, &["frames is 0; it must be 1 to 65535"]),
+        (r#"{"parts":"head","first_frame":0,"frames":65536,"text":"a"}"#, &["frames is 65536; it must be 1 to 65535"]),
+        (r#"{"parts":"head","first_frame":0,"frames":-8,"text":"a"}"#, &["frames must be a whole number, not -8"]),
+        (r#"{"parts":"head","first_frame":0,"frames":8.5,"text":"a"}"#, &["frames must be a whole number, not 8.5"]),
+        (r#"{"parts":"head","from":1,"to":2}"#, &["text is missing; give \"text\": \"a person waves"]),
+        (r#"{"parts":"head","from":1,"to":2,"text":7}"#, &["text must be what the parts do, in words, not 7"]),
+        (r#"{"parts":"head","from":1,"to":2,"prompt":["a"]}"#, &["prompt must be the name of a prompt", "[\"a\"]"]),
+        (r#"{"parts":"head","from":1,"to":2,"text":"a","prompt":"b"}"#, &["text and prompt are both given; keep one"]),
+        (
+            r#"{"parts":"head","from":1,"to":2,"text":"a","joint":"head"}"#,
+            &["unknown field \"joint\"; fields are parts, from, to, first_frame, frames, text, prompt"],
+        ),
+    ] {
+        const GOOD: &str = r#"{"parts":"head","from":0,"to":1,"text":"a person nods"}"#;
+        let refused = parse_timeline(&format!("{{\"timeline\": [{GOOD}, {span}]}}"), 20);
+        let message = refused.expect_err(span).to_string();
+        assert!(message.starts_with("span 1: "), "{message}");
+        for part in parts {
+            assert!(message.contains(part), "{span}: {message:?} lacks {part:?}");
+        }
+    }
+}
+
+#[test]
+fn a_timeline_that_is_written_is_read_back() {
+    let sets = (0..=u8::MAX).filter_map(BodyParts::from_bits).filter(|parts| !parts.is_empty());
+    let written: Vec<OwnedSpan> = sets
+        .zip(0..)
+        .map(|(parts, number)| {
+            let words = format!("a \"person\" waves\n\\ \u{e4}\u{1f44b} {number}");
+            let prompt = if number % 2 == 0 { OwnedPrompt::Text(words) } else { OwnedPrompt::Bank(words) };
+            OwnedSpan { parts, first: u16::MAX - number, frames: u16::MAX - 3 * number, prompt }
+        })
+        .collect();
+    assert_eq!(written.len(), 35);
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("timeline.json");
+    write_timeline(&path, &written).expect("writable");
+    assert_eq!(read_timeline(&path, 20).expect("readable"), written);
+    assert_eq!(parse_timeline(&timeline_text(&[]).expect("writable"), 20).expect("readable"), []);
+    let text = timeline_text(&written[..1]).expect("writable");
+    assert!(
+        text.contains(r#"{"parts": "head", "first_frame": 65535, "frames": 65535, "text": "a \"person\" "#),
+        "{text}"
+    );
+
+    // What the file cannot hold leaves what stands there.
+    let nothing = OwnedSpan { parts: BodyParts::NONE, ..written[0].clone() };
+    let found = write_timeline(&path, &[written[0].clone(), nothing]);
+    assert!(matches!(found, Err(Error::NoParts { index: 1 })), "{found:?}");
+    let found = write_timeline(&path, &[OwnedSpan { frames: 0, ..written[0].clone() }]);
+    assert!(matches!(found, Err(Error::Range { field: "frames", .. })), "{found:?}");
+    assert_eq!(read_timeline(&path, 20).expect("readable"), written);
+    let missing = read_timeline(&folder.path().join("none.json"), 20).expect_err("no such file");
+    assert!(matches!(&missing, Error::Read { .. }) && missing.to_string().contains("none.json"), "{missing}");
+    let folder = write_timeline(folder.path(), &[]).expect_err("a folder, no file");
+    assert!(matches!(&folder, Error::Write(_)), "{folder}");
+}
+
+#[test]
 fn form_is_refused_with_line_and_column() {
     for (text, place) in [
         ("", (1, 0)),
@@ -286,8 +404,8 @@ fn form_is_refused_with_line_and_column() {
         (" []", (1, 2)),
         ("{}", (1, 2)),
     ] {
-        // Both names have as many letters as these places were counted for, less or more.
-        for (name, more) in [("tracks", 6), ("obstacles", 9)] {
+        // Names have other numbers of letters than the one that these places were counted for.
+        for (name, more) in [("tracks", 6), ("obstacles", 9), ("timeline", 8)] {
             let text = text.replace("LIST", name);
             let (line, column) = match place {
                 (1, column) if text.contains(name) => (1, column - 7 + more),
@@ -295,6 +413,7 @@ fn form_is_refused_with_line_and_column() {
             };
             let found = match name {
                 "tracks" => parse_tracks(&text, 20).map(|_| ()),
+                "timeline" => parse_timeline(&text, 20).map(|_| ()),
                 _ => parse_scene(&text, 20).map(|_| ()),
             };
             let said = found.as_ref().map_err(ToString::to_string);

@@ -86,7 +86,7 @@ pub(super) fn track(entry: &Entry, index: usize, frame_rate: u16) -> Result<Owne
         None => (u64::from(first), places),
         Some(rate) if rate > 0.0 && rate <= FASTEST => {
             let start = match time {
-                Some(time) => entries::seconds(time).map_err(fault)?,
+                Some(time) => entries::seconds("time", time).map_err(fault)?,
                 None => f64::from(first) / f64::from(frame_rate.max(1)),
             };
             resampled(index, &places, (start, f64::from(rate)), frame_rate)?

@@ -78,6 +78,12 @@ impl BodyParts {
         crate::representation::posture::count(self)
     }
 
+    /// Joints that a span of these parts moves, as bits.
+    #[must_use]
+    pub fn joints(self) -> u32 {
+        crate::representation::posture::joints(self)
+    }
+
     /// The set as bits, as [`BodyParts::from_bits`] takes it: head 1, left arm 2, right arm 4, left leg 8, right leg 16, trunk 32.
     #[must_use]
     pub const fn bits(self) -> u8 {

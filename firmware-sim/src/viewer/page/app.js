@@ -1,10 +1,10 @@
 // Ties the page together: playback, timeline, pointer and keyboard, figures.
 const player = { frame: 0, playing: false, speed: 1, follow: false, last: 0 };
 let dirty = true;
-// Mark the token, the interval, the servos' angles and the curves over time of a frame; set once there are any to show.
-let markToken = null, markInterval = null, markServos = null, markFollowing = null;
+// Mark the token, the interval, the servos' angles, the curves over time and the spans of a frame; set once there are any to show.
+let markToken = null, markInterval = null, markServos = null, markFollowing = null, markTimeline = null;
 // Layers by key 1, 2, ...; the motions among them are those that the scene has.
-const LAYERS = ["after", "before", "alone", "robot", "reference", "trails", "labels", "scene"];
+const LAYERS = ["after", "before", "alone", "robot", "reference", "trails", "labels", "scene", "timeline"];
 const STAGES = ["alone", "before", "after"].filter((id) => motions[id]);
 const ICONS = { play: "M3 1.5v13l11-6.5z", pause: "M3 2h4v12H3zM9 2h4v12H9z" };
 
@@ -32,6 +32,7 @@ function syncControls() {
   if (markInterval) markInterval(f);
   if (markServos) markServos(f);
   if (markFollowing) markFollowing(f);
+  if (markTimeline) markTimeline(f);
   const lit = (i) => Math.abs(scene.anchors[i].frame - player.frame) < 1.5;
   document.querySelectorAll("#ticks button, #anchors tbody tr").forEach((e) => e.classList.toggle("now", lit(+e.dataset.anchor)));
 }
@@ -79,10 +80,10 @@ function setTheme(name) {
 
 const COLORS = { after: "--accent", before: "--before", alone: "--alone", robot: "--robot", reference: "--reference" };
 const SURROUNDINGS = ["tracks", "obstacles"].filter((kind) => scene[kind].length);
-const hasLayer = (id) => !!motions[id] || id === "trails" || id === "labels" || (id === "scene" && SURROUNDINGS.length > 0);
+const hasLayer = (id) => !!motions[id] || id === "trails" || id === "labels" || (id === "scene" && SURROUNDINGS.length > 0) || (id === "timeline" && scene.timeline.length > 0);
 
 function buildToggles() {
-  const other = { trails: ["Trails", "--dim"], labels: ["Labels", "--target"], scene: [SURROUNDINGS.join(" and "), "--fault"] };
+  const other = { trails: ["Trails", "--dim"], labels: ["Labels", "--target"], scene: [SURROUNDINGS.join(" and "), "--fault"], timeline: ["timeline", "--span"] };
   LAYERS.forEach((id, i) => {
     if (!hasLayer(id)) return;
     const [name, color] = other[id] || [motions[id].name, COLORS[id]];
@@ -100,6 +101,7 @@ function toggleLayer(id) {
   if (!hasLayer(id)) return;
   show[id] = !show[id];
   document.querySelector(`[data-layer="${id}"]`).setAttribute("aria-pressed", String(show[id]));
+  $("timeline").hidden = !show.timeline;
   dirty = true;
 }
 
@@ -162,6 +164,7 @@ function buildFigures() {
   $("trackbox").hidden = scene.tracks.length === 0;
   $("clearancebox").hidden = !scene.clearance;
   if (SURROUNDINGS.length) markFollowing = drawFollowing();
+  if (scene.timeline.length) markTimeline = drawTimeline($("timeline"), scene.timeline);
   drawFeet($("feet"), motions.after);
   if (scene.intervals.length) markInterval = drawIntervals($("intervals"), scene.intervals);
   $("robotname").textContent = scene.robot.name;

@@ -16,15 +16,15 @@ function facing(pose) {
 }
 
 function capsules(pose) {
-  const out = LIMBS.map(([i, j, ra, rb]) => ({ a: pose[i], b: pose[j], ra, rb }));
-  for (const [e, w] of [[18, 20], [19, 21]]) out.push({ a: pose[w], b: add(pose[w], norm(sub(pose[w], pose[e])), 0.09), ra: 0.031, rb: 0.026 });
+  const out = LIMBS.map(([i, j, ra, rb]) => ({ a: pose[i], b: pose[j], ra, rb, joint: j }));
+  for (const [e, w] of [[18, 20], [19, 21]]) out.push({ a: pose[w], b: add(pose[w], norm(sub(pose[w], pose[e])), 0.09), ra: 0.031, rb: 0.026, joint: w });
   const front = facing(pose), up = norm(sub(pose[15], pose[12]));
   for (const f of [10, 11]) {
     const toe = norm(sub(pose[f], pose[f - 3]));
-    out.push({ a: pose[f], b: add(pose[f], norm([toe[0], 0, toe[2]]), 0.06), ra: 0.034, rb: 0.028 });
+    out.push({ a: pose[f], b: add(pose[f], norm([toe[0], 0, toe[2]]), 0.06), ra: 0.034, rb: 0.028, joint: f });
   }
   const crown = add(add(pose[15], up, 0.1), front, 0.02);
-  out.push({ a: add(pose[15], up, 0.045), b: crown, ra: 0.082, rb: 0.1 });
+  out.push({ a: add(pose[15], up, 0.045), b: crown, ra: 0.082, rb: 0.1, joint: 15 });
   // A visor, so that the direction of sight can be read at a glance.
   const right = norm(cross(up, front)), eye = add(add(crown, front, 0.066), up, -0.01);
   out.push({ a: add(eye, right, 0.042), b: add(eye, right, -0.042), ra: 0.034, rb: 0.034, visor: true });
@@ -49,6 +49,7 @@ function capsulePath(ctx, ax, ay, ra, bx, by, rb) {
 
 const mix = (a, b, t) => `rgb(${a.map((v, k) => Math.round(v + (b[k] - v) * t)).join(",")})`;
 
+// `base` gives the colour of what ends in a joint.
 function drawBody(ctx, pose, base, visor) {
   const shapes = [];
   for (const c of capsules(pose)) {
@@ -62,7 +63,7 @@ function drawBody(ctx, pose, base, visor) {
     if (k < 0) { nx = -nx; ny = -ny; k = -k; }
     if (d < 0.6 * Math.max(ra, rb)) { nx = LIGHT[0]; ny = LIGHT[1]; k = 1; }
     const r = Math.max(ra, rb), mx = (a.x + b.x) / 2, my = (a.y + b.y) / 2;
-    const tone = c.visor ? visor : base;
+    const tone = c.visor ? visor : base(c.joint);
     const g = ctx.createLinearGradient(mx + nx * r, my + ny * r, mx - nx * r, my - ny * r);
     g.addColorStop(0, mix(tone, [255, 255, 255], 0.12 + 0.38 * k));
     g.addColorStop(0.5, mix(tone, [255, 255, 255], 0.02));

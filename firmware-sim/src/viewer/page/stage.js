@@ -3,7 +3,7 @@ const canvas = $("view");
 const ctx = canvas.getContext("2d");
 const layer = document.createElement("canvas");
 const layerCtx = layer.getContext("2d");
-const show = { after: true, before: true, alone: false, robot: true, reference: false, trails: true, labels: true, scene: true };
+const show = { after: true, before: true, alone: false, robot: true, reference: false, trails: true, labels: true, scene: true, timeline: true };
 // Motions painted as ghosts behind the body, the farthest from the result first.
 const GHOSTS = ["alone", "before"].filter((id) => motions[id]);
 let palette = {};
@@ -16,7 +16,7 @@ const rgba = (c, a) => `rgba(${c[0]},${c[1]},${c[2]},${a})`;
 
 function readPalette() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["bg", "bg2", "line", "text", "dim", "accent", "target", "before", "alone", "robot", "reference", "fault", "panel"]) palette[name] = parseColor(style.getPropertyValue(`--${name}`));
+  for (const name of ["bg", "bg2", "line", "text", "dim", "accent", "target", "before", "alone", "robot", "reference", "fault", "span", "panel"]) palette[name] = parseColor(style.getPropertyValue(`--${name}`));
   palette.dark = palette.bg[0] < 128;
 }
 
@@ -187,13 +187,15 @@ function paint(frame) {
   for (const id of GHOSTS) if (show[id]) {
     // Painted opaque on its own layer, so that overlapping limbs of the ghost do not add up.
     layerCtx.clearRect(0, 0, width, height);
-    drawBody(layerCtx, pose[id], palette[id], VISOR);
+    drawBody(layerCtx, pose[id], () => palette[id], VISOR);
     ctx.globalAlpha = palette.dark ? 0.36 : 0.3;
     ctx.drawImage(layer, 0, 0, width, height);
     ctx.globalAlpha = 1;
   }
   if (show.scene) drawObstacles(frame, true);
-  if (show.after) drawBody(ctx, pose.after, palette.accent, VISOR);
+  // What a span of the timeline moves has its colour as long as it does.
+  const told = show.timeline ? toldJoints(frame) : new Set();
+  if (show.after) drawBody(ctx, pose.after, (joint) => (told.has(joint) ? palette.span : palette.accent), VISOR);
   if (show.scene) drawObstacles(frame, false);
   if (show.trails) for (const j of joints) if (j !== 0) {
     for (const id of GHOSTS) if (show[id]) drawTrail(motions[id], j, false, palette[id], frame, 1);
