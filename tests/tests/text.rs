@@ -1,6 +1,6 @@
 //! Requests by text through the generator, on small random models: replay, options, given tokens, memory, stops, bad input.
 
-use motionette::blob::{Error as BlobError, TransformerConfig};
+use motionette::blob::{Corruption, Error as BlobError, TransformerConfig};
 use motionette::generation::tokens::sampling::SamplingError;
 use motionette::generation::tokens::{PlanningError, PlanningLimits, Session};
 use motionette::numerics::hash::Stream;
@@ -594,8 +594,9 @@ fn bad_configurations_are_refused_by_name() {
     assert_eq!(quantizers, ("codec.quantizers with a planner", 2, 1));
     let tokens = config(refused(&|_| (), &|s| s.max_tokens = 256));
     assert_eq!(tokens, ("generator.max_tokens with a planner", 256, 255));
-    assert_eq!(number(refused(&|p| p.c = -1.0, same)), ("generator.c", -1.0));
-    assert_eq!(number(refused(&|p| p.a = 4.5, same)), ("generator.a", 4.5));
+    let near = |c: f32, a: f32| refused(&move |p| p.corruption = Corruption::Near { c, a }, same);
+    assert_eq!(number(near(-1.0, 0.9)), ("generator.c", -1.0));
+    assert_eq!(number(near(3.0, 4.5)), ("generator.a", 4.5));
     assert_eq!(number(refused(&|p| p.text.epsilon = 0.0, same)), ("transformer.epsilon", 0.0));
     assert!(number(refused(&|p| p.planner.epsilon = f32::NAN, same)).1.is_nan());
 }
