@@ -404,7 +404,6 @@ impl From<PromptError> for mtn_result {
             }
             PromptError::ZeroVector => mtn_error::PromptVectorZero.into(),
             PromptError::NotStored { stored } => numbers(mtn_error::PromptNotStored, stored, 0),
-            _ => mtn_error::Other.into(),
         }
     }
 }

@@ -99,7 +99,12 @@ pub(super) fn read(
         rest = others;
         let mut overlay = arena.overlay();
         let of_span = timeline.of_span(limits.rows);
-        let (said, used) = read_span(model, (request, &of_span), (index, span), own, &mut overlay, observer)?;
+        let read = read_span(model, (request, &of_span), (index, span), own, &mut overlay, observer);
+        let (said, used) = read.map_err(|error| match error {
+            // That no word is known shows when they are read.
+            Error::Prompt(error) => Error::Timeline(TimelineError::Prompt { index, error }),
+            other => other,
+        })?;
         *peak = if *peak > used { *peak } else { used };
         if let Some(heard) = heard.get_mut(usize::from(index)) {
             *heard = said;
