@@ -6,6 +6,7 @@
 mod anchor;
 mod command;
 mod failure;
+mod fault;
 mod feature;
 mod made;
 mod obstacle_fault;
