@@ -8,13 +8,13 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use motionette::{Joint, Obstacle, Shape, Track};
+use motionette::{BodyParts, Joint, Obstacle, Shape, Span, Track};
 use motionette_host::device::{Client, Error, Options, Transport};
 use motionette_link::conditions::{Given, Unfit};
 use motionette_link::frame::encode;
 use motionette_link::message::{
-    Anchor, Clearance, Command, ConditionsFault, Event, Failure, Generate, Header, LossAction, Measure, REPLY_FRAME,
-    Refusal, Reply, Start, StartFault, State, Status, Strain, Target, Tracking, UpdateFault,
+    Anchor, Clearance, Command, ConditionsFault, Event, FROM_DEVICE, Failure, Generate, Header, LossAction, Measure,
+    PROTOCOL, REPLY_FRAME, Refusal, Reply, Start, StartFault, State, Status, Strain, Target, Tracking, UpdateFault,
 };
 use motionette_link::server::{Port, Server, Silence};
 use motionette_link::update::Store;
@@ -184,17 +184,18 @@ fn a_whole_session_on_a_good_line() {
     }
 }
 
-/// Two tracks of half of the robot's memory, an obstacle and a vector.
+/// Two tracks of half of the robot's memory, an obstacle, a span and a vector.
 fn under<R>(use_them: impl FnOnce(&Given<'_>) -> R) -> R {
     let path = vec![[0.25, 1.0, -0.5]; CONDITION_BYTES / 48];
     let tracks = [Track::new(Joint::RightWrist, 3, &path), Track::new(Joint::Pelvis, 0, &path).within(0.02)];
     let obstacles = [Obstacle::new(Shape::Sphere { radius: 0.5 }, [0.0; 3])];
-    use_them(&Given { tracks: &tracks, obstacles: &obstacles, vector: Some(&[0.5; 64]) })
+    let timeline = [Span::new(BodyParts::LEFT_ARM, 0, 40, "a person waves")];
+    use_them(&Given { tracks: &tracks, obstacles: &obstacles, timeline: &timeline, vector: Some(&[0.5; 64]) })
 }
 
 #[test]
 fn conditions_on_good_and_bad_lines() {
-    let Event::Ready { tracking, clearance, .. } = ready_under(1, true, [2, 1, 64]) else { panic!() };
+    let Event::Ready { tracking, clearance, .. } = ready_under(1, true, [2, 1, 1, 64]) else { panic!() };
     assert!(matches!((tracking, clearance), (Some(Tracking { .. }), Some(Clearance { .. }))));
     for seed in 0..60 {
         let mut wire = Wire::new([0, 30, 8, 4][seed as usize % 4], seed);
@@ -379,7 +380,7 @@ impl Write for Canned {
         // The header of a reply is that of its request.
         if let Some((header, _)) = request_in(bytes) {
             let mut buffer = [0; REPLY_FRAME];
-            let header = Header { version: 0x84, ..header };
+            let header = Header { version: FROM_DEVICE | (PROTOCOL + 1), ..header };
             if !self.0.is_empty() {
                 self.0.extend(encode(&(header, Reply::Accepted), &mut buffer).unwrap());
             }
@@ -457,10 +458,10 @@ fn request_in(mut bytes: &[u8]) -> Option<(Header, Vec<u8>)> {
 fn nobody_there_another_version_and_a_broken_line() {
     let nobody = Client::connect(Canned(VecDeque::new(), ErrorKind::WouldBlock), Options { attempts: 3, ..OPTIONS });
     assert!(matches!(nobody, Err(Error::Silent { attempts: 3, before: false, .. })));
-    // Noise comes before the answer of a device of version 4.
+    // Noise comes before the answer of a newer device.
     let newer = Client::connect(Canned([7, 7].into(), ErrorKind::TimedOut), OPTIONS);
     match newer.err() {
-        Some(error @ Error::Version { device: 4 }) => {
+        Some(error @ Error::Version { device }) if device == PROTOCOL + 1 => {
             assert!(error.to_string().contains("update these tools"), "{error}")
         }
         other => panic!("{other:?}"),

@@ -231,8 +231,8 @@ fn a_blob_that_needs_other_firmware() {
 /// A host that has said hello and is gone without a word.
 fn forgetful_host(served: &Served) {
     let mut line = std::net::TcpStream::connect(served.port.strip_prefix("tcp:").unwrap()).unwrap();
-    // Version 3, session 0x1234, id 1; Hello, no taking over.
-    line.write_all(&[0x00, 0x05, 0x03, 0xB4, 0x24, 0x01, 0x01, 0x05, 0x87, 0x2F, 0x83, 0xFC, 0x00]).unwrap();
+    // Version 4, session 0x1234, id 1; Hello, no taking over.
+    line.write_all(&[0x00, 0x05, 0x04, 0xB4, 0x24, 0x01, 0x01, 0x05, 0x3F, 0x1F, 0x86, 0xE1, 0x00]).unwrap();
     assert!(line.read(&mut [0; 300]).unwrap() > 0);
 }
 
@@ -333,7 +333,7 @@ fn a_prompt_as_a_vector() {
     let (short, long) = (vector("short.npy", 512), vector("long.npy", 2000));
     let made = served.succeeds(&["generate", "--prompt-vector", &short]);
     assert_eq!((&made["frames"], &made["text"], &made["tracking"]), (&3.into(), &Value::Null, &Value::Null));
-    assert_eq!(served.robot.lock().unwrap().given, [0, 0, 512]);
+    assert_eq!(served.robot.lock().unwrap().given, [0, 0, 0, 512]);
     let too_long = ["8012 bytes", "4096", "hint: "];
     served.fails(&["generate", "--prompt-vector", &long], &too_long);
     served.fails(&["generate", "--prompt-vector", &path("none.npy")], &["none.npy"]);

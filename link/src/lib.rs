@@ -9,7 +9,7 @@
 //! - [`server`]: the device's side, a state machine with time passed in: sessions, repeated requests, silence of the host.
 //!   Knows what a [`Device`] can do, not how.
 //! - [`update`]: a model blob into one of two slots of NOR flash. Knows neither frames nor messages.
-//! - [`conditions`]: tracks, obstacles and vectors of prompts, which fit no message, into memory set aside for them.
+//! - [`conditions`]: tracks, obstacles, timelines and vectors of prompts, which fit no message, into memory set aside for them.
 //! - [`message`]: requests, replies, events and refusals. Knows neither bytes nor time.
 //! - [`frame`]: bytes to frames and back. Knows nothing of what is in them.
 //!

@@ -169,7 +169,8 @@ fn make_under<'m>(
     let conditions = Conditions::open(area).map_err(|_| Failure::Unknown)?;
     let (anchors, tracks, keyframes) = (request.anchors(), conditions.tracks(), conditions.keyframes());
     let obstacles = conditions.obstacles(&keyframes);
-    let words = request.request(&anchors).tracks(&tracks).obstacles(&obstacles);
+    let timeline = conditions.timeline();
+    let words = request.request(&anchors).tracks(&tracks).obstacles(&obstacles).timeline(&timeline);
     let request = match conditions.vector() {
         Some(vector) => Request { source: Source::Text(Prompt::Vector(vector)), ..words },
         None => words,

@@ -4,10 +4,11 @@ mod common;
 
 use common::sent;
 use motionette::{
-    ALL_JOINTS, Course, Joint, Keyframe, MAX_OBSTACLES, MAX_TRACKS, Obstacle, ObstacleError, Shape, Track, TrackError,
+    ALL_JOINTS, BodyParts, Course, Joint, Keyframe, MAX_OBSTACLES, MAX_SPANS, MAX_TRACKS, Obstacle, ObstacleError,
+    Prompt, PromptError, Shape, Span, TimelineError, Track, TrackError,
 };
 use motionette_link::conditions::{Conditions, Given, KEYFRAMES, LEAST_BYTES, Unfit};
-use motionette_link::message::ConditionsFault;
+use motionette_link::message::{ConditionsFault, TEXT_BYTES};
 
 fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.chunks_exact(4).map(|four| u32::from_le_bytes(four.try_into().unwrap())).collect()
@@ -20,14 +21,14 @@ fn fault(bytes: &[u8]) -> u32 {
     }
 }
 
-/// The example of PROTOCOL.md.
+/// The first example of PROTOCOL.md.
 #[test]
 fn bytes_of_a_track() {
     let tracks = [Track::new(Joint::RightWrist, 10, &[[-0.25, 1.25, 0.5]])];
     #[rustfmt::skip]
     let whole = [
         0x24, 0, 0, 0, // length
-        1, 1, 0, 0, // format, tracks, obstacles
+        2, 1, 0, 0, // format, tracks, obstacles, spans
         0, 0, 0, 0, // numbers of the vector
         21, 7, 10, 0, // joint, axes, first frame
         1, 0, 0, 0, // positions
@@ -35,6 +36,22 @@ fn bytes_of_a_track() {
         0, 0, 0x80, 0xBE, 0, 0, 0xA0, 0x3F, 0, 0, 0, 0x3F, // -0.25, 1.25, 0.5
     ];
     assert_eq!(sent(&Given { tracks: &tracks, ..Given::default() }), whole);
+}
+
+/// The second one.
+#[test]
+fn bytes_of_a_span() {
+    let timeline = [Span::new(BodyParts::RIGHT_ARM, 20, 60, "a person waves")];
+    #[rustfmt::skip]
+    let whole = [
+        0x24, 0, 0, 0, // length
+        2, 0, 0, 1, // format, tracks, obstacles, spans
+        0, 0, 0, 0, // numbers of the vector
+        4, 0, 14, 0, // parts, text, its bytes
+        20, 0, 60, 0, // first frame, frames
+        b'a', b' ', b'p', b'e', b'r', b's', b'o', b'n', b' ', b'w', b'a', b'v', b'e', b's', 0, 0,
+    ];
+    assert_eq!(sent(&Given { timeline: &timeline, ..Given::default() }), whole);
 }
 
 #[test]
@@ -52,14 +69,21 @@ fn bytes_of_all_there_is() {
             .moving(Course::Moving { from: [0.0; 3], velocity: [0.0, 0.0, 0.5] })
             .margin(0.5),
     ];
-    let bytes = sent(&Given { tracks: &tracks, obstacles: &obstacles, vector: Some(&[0.5, -0.5]) });
+    let arms = Span::new(BodyParts::ARMS, 258, 300, "waves");
+    let timeline = [
+        arms,
+        Span { parts: BodyParts::UPPER_BODY, prompt: Prompt::Bank("w\u{e4}ve"), ..arms },
+        Span { parts: BodyParts::NONE, frames: 0, prompt: Prompt::Vector(&[0.5, 2.0]), ..arms },
+    ];
+    let vector = Some(&[0.5, -0.5][..]);
+    let bytes = sent(&Given { tracks: &tracks, obstacles: &obstacles, timeline: &timeline, vector });
     const HALF: [u8; 4] = [0, 0, 0, 0x3F];
     const TWO: [u8; 4] = [0, 0, 0, 0x40];
     const NONE: [u8; 4] = [0; 4];
     const EVERY: [u8; 4] = [0xFF, 0xFF, 0x3F, 0];
     #[rustfmt::skip]
     let expected: Vec<[u8; 4]> = [
-        &[[0x30, 1, 0, 0], [1, 1, 5, 0], [2, 0, 0, 0], HALF, [0, 0, 0, 0xBF]][..],
+        &[[0x60, 1, 0, 0], [2, 1, 5, 3], [2, 0, 0, 0], HALF, [0, 0, 0, 0xBF]][..],
         // Joint 0, x and z and a mask, from frame 258; the mask is filled up to two words.
         &[[0, 13, 2, 1], [5, 0, 0, 0], NONE], &[NONE; 15], &[[1, 0, 0, 0], [9, 0, 0, 0]],
         &[[0, 0, 0, 0], [0, 0, 0x20, 0], NONE, HALF, NONE, NONE, TWO],
@@ -68,6 +92,9 @@ fn bytes_of_all_there_is() {
         &[NONE, NONE, NONE, NONE, [0x2C, 1, 0, 0], TWO, NONE, NONE],
         &[[3, 0, 0, 0], EVERY, HALF, HALF, HALF, HALF], &[NONE; 3],
         &[[4, 1, 0, 0], EVERY, HALF, NONE, HALF, NONE], &[NONE; 5], &[HALF],
+        &[[6, 0, 5, 0], [2, 1, 0x2C, 1], *b"wave", [b's', 0, 0, 0]],
+        &[[39, 1, 5, 0], [2, 1, 0x2C, 1], [b'w', 0xC3, 0xA4, b'v'], [b'e', 0, 0, 0]],
+        &[[0, 2, 2, 0], [2, 1, 0, 0], HALF, TWO],
     ].concat();
     assert_eq!(bytes, expected.concat());
 
@@ -77,10 +104,13 @@ fn bytes_of_all_there_is() {
     assert_eq!(conditions.tracks()[..], tracks);
     assert_eq!(keyframes[..], keys);
     assert_eq!(conditions.obstacles(&keyframes)[..], obstacles);
+    assert_eq!(conditions.timeline()[..], timeline);
     assert_eq!((conditions.vector(), conditions.bytes()), (Some(&[0.5, -0.5][..]), bytes.len()));
     assert_eq!(ALL_JOINTS, u32::from_le_bytes(EVERY));
-    // Positions and mask stay where they lie.
+    // Positions, masks and prompts stay where they lie.
     assert!(area.as_ptr_range().contains(&conditions.tracks()[0].positions.as_ptr().cast()));
+    let Prompt::Vector(numbers) = conditions.timeline()[2].prompt else { panic!() };
+    assert!(area.as_ptr_range().contains(&numbers.as_ptr().cast()));
 
     // Cut off anywhere they are refused, whatever they say of their length.
     for count in (0..bytes.len()).step_by(4) {
@@ -93,9 +123,12 @@ fn bytes_of_all_there_is() {
     }
     // So is whatever may get a meaning later, and where that is is said.
     let (track, sphere) = (20, 20 + 12 + 60 + 8);
+    let span = bytes.len() - 48;
     for (at, byte, place) in [
-        (4, 2, 4),
-        (7, 1, 4),
+        (4, 1, 4),
+        (4, 3, 4),
+        (6, 17, 4),
+        (7, 9, 4),
         (10, 1, 4),
         (track + 1, 29, track),
         (track + 6, 1, track),
@@ -103,6 +136,14 @@ fn bytes_of_all_there_is() {
         (sphere + 1, 3, sphere),
         (sphere + 2, 1, sphere),
         (sphere + 28 + 40 + 20 + 2, 1, sphere + 28 + 40),
+        // A part that there is not, and a trunk without head and arms.
+        (span, 64, span),
+        (span, 32, span),
+        (span + 1, 3, span),
+        // A text that is too long; one that is cut within a letter, and none at all.
+        (span + 2, TEXT_BYTES as u8 + 1, span),
+        (span + 16 + 2, 2, span + 16 + 8),
+        (span + 16 + 8, 0xFF, span + 16 + 8),
     ] {
         let mut later = bytes.clone();
         later[at] = byte;
@@ -117,10 +158,11 @@ fn nothing_is_the_least() {
     assert_eq!(bytes.len(), LEAST_BYTES);
     let area = words(&bytes);
     let conditions = Conditions::open(&area).unwrap();
-    assert!(conditions.tracks().is_empty() && conditions.obstacles(&[]).is_empty() && conditions.vector().is_none());
+    assert!(conditions.tracks().is_empty() && conditions.obstacles(&[]).is_empty());
+    assert!(conditions.timeline().is_empty() && conditions.vector().is_none());
     // Memory that nobody has written to.
     assert_eq!(
-        [&[][..], &[0; 3], &[u32::MAX; 3], &[14, 1, 0, 0]].map(|area| Conditions::open(area).is_err()),
+        [&[][..], &[0; 3], &[u32::MAX; 3], &[14, 2, 0, 0]].map(|area| Conditions::open(area).is_err()),
         [true; 4]
     );
 }
@@ -166,4 +208,19 @@ fn what_cannot_be_sent_is_said() {
     let vector = |vector: &[f32]| unfit(Given { vector: Some(vector), ..Given::default() });
     assert_eq!(vector(&[]), Unfit::Vector { found: 0, limit: most });
     assert_eq!(vector(&vec![0.0; most + 1]), Unfit::Vector { found: most + 1, limit: most });
+    let span = Span::new(BodyParts::HEAD, 0, 8, "nods");
+    let timeline = |timeline: &[Span<'_>]| unfit(Given { timeline, ..Given::default() });
+    let many = TimelineError::TooMany { spans: MAX_SPANS + 1, limit: MAX_SPANS };
+    assert_eq!(timeline(&[span; MAX_SPANS + 1]), Unfit::Timeline(many));
+    let (fits, long) = ("x".repeat(TEXT_BYTES), "x".repeat(TEXT_BYTES + 1));
+    let error = PromptError::TooLong { found: TEXT_BYTES + 1, limit: TEXT_BYTES };
+    for prompt in [Prompt::Text(&long), Prompt::Bank(&long)] {
+        let of_the_second = TimelineError::Prompt { index: 1, error };
+        assert_eq!(timeline(&[span, Span { prompt, ..span }]), Unfit::Timeline(of_the_second));
+    }
+    let fits = [Span { prompt: Prompt::Text(&fits), ..span }; MAX_SPANS];
+    assert_eq!(sent(&Given { timeline: &fits, ..Given::default() }).len(), LEAST_BYTES + MAX_SPANS * (8 + TEXT_BYTES));
+    let numbers = vec![0.0; most + 1];
+    let wide = Span { prompt: Prompt::Vector(&numbers), ..span };
+    assert_eq!(timeline(&[wide]), Unfit::SpanVector { index: 0, found: most + 1, limit: most });
 }

@@ -7,12 +7,14 @@ use std::collections::VecDeque;
 use common::host::{HELLO, SILENCE, replies};
 use common::{Flash, Line, crc, sent};
 use motionette::playback::{Handles, MotionQueue, Robot};
-use motionette::{Generator, Joint, Model, Motion, Obstacle, Prompt, Request, Shape, Source, Track};
+use motionette::{
+    BodyParts, Generator, Joint, LEAST_SPAN, Model, Motion, Obstacle, Prompt, Request, Shape, Source, Span, Track,
+};
 use motionette_link::conditions::Given;
 use motionette_link::frame::encode;
 use motionette_link::message::{
-    Clearance, Command, ConditionsFault, Event, Failure, Generate, Header, Length, ObstacleFault, REQUEST_FRAME,
-    Refinement, Refusal, Reply, TrackFault, Tracking,
+    Clearance, Command, ConditionsFault, Event, Failure, Generate, Header, Length, ObstacleFault, PromptFault,
+    REQUEST_FRAME, Refinement, Refusal, Reply, TimelineFault, TrackFault, Tracking,
 };
 use motionette_link::server::Port;
 use motionette_link::thread::{self, JobHost, Note};
@@ -114,7 +116,7 @@ fn a_motion_under_conditions_is_that_of_a_desktop() {
     let path: Vec<[f32; 3]> = (0..30).map(|i| [-0.3, 1.1 + 0.01 * i as f32, 0.35]).collect();
     let tracks = [Track::new(Joint::RightWrist, 5, &path).within(0.01)];
     let obstacles = [Obstacle::new(Shape::Sphere { radius: 0.2 }, [0.45, 1.1, 0.2])];
-    let given = Given { tracks: &tracks, obstacles: &obstacles, vector: None };
+    let given = Given { tracks: &tracks, obstacles: &obstacles, ..Given::default() };
     let plain = Generate { conditions: false, ..wave() };
     let script = stage(&given).chain([
         Command::Generate(wave()),
@@ -146,6 +148,35 @@ fn a_motion_under_conditions_is_that_of_a_desktop() {
     assert_eq!(said[said.len() - 2..], [Reply::Accepted, Reply::Refused(Refusal::Session)]);
 }
 
+/// The same with parts of the body that do something else, which shows in how near the figure comes to something far away.
+#[test]
+fn a_timeline_moves_what_it_moves_on_a_desktop() {
+    let timeline = [
+        Span::new(BodyParts::LEFT_ARM, 0, 24, "a person punches with the left hand"),
+        Span::new(BodyParts::HEAD.and(BodyParts::RIGHT_ARM), 8, 32, "a person claps"),
+    ];
+    let obstacles = [Obstacle::new(Shape::Sphere { radius: 0.1 }, [3.0, 1.2, 0.3])];
+    let plain = Given { obstacles: &obstacles, ..Given::default() };
+    let given = Given { timeline: &timeline, ..plain };
+    let script = [&given, &plain].map(|given| stage(given).chain([Command::Generate(wave())]).collect::<Vec<_>>());
+    let said = said(&SHIPPED.0, AREA / 4, script.concat());
+    let results: Vec<_> = said
+        .iter()
+        .filter_map(|reply| match reply {
+            Reply::Event(Event::Ready { frames, clearance, .. }) => Some((usize::from(*frames), *clearance)),
+            _ => None,
+        })
+        .collect();
+    let expected = [&given, &plain].map(|given| {
+        let request = wave();
+        let request = request.request(&[]).steps(Preset::DESKTOP.steps);
+        let request = request.obstacles(given.obstacles).timeline(given.timeline);
+        directly(&SHIPPED.0, &request, |motion| (motion.frames().len(), Clearance::of(motion)))
+    });
+    assert_eq!(results, expected);
+    assert_ne!(expected[0], expected[1]);
+}
+
 #[test]
 fn what_the_runtime_refuses_arrives_with_its_indices() {
     let still = [[0.0, 1.0, 0.0]; 10];
@@ -153,11 +184,17 @@ fn what_the_runtime_refuses_arrives_with_its_indices() {
     let given = |tracks| Given { tracks, ..Given::default() };
     let job = |given: &Given<'_>| stage(given).chain([Command::Generate(wave())]).collect::<Vec<_>>();
     let fast = Obstacle::new(Shape::Sphere { radius: 0.2 }, [9.0; 3]).margin(1.5);
+    let arm = Span::new(BodyParts::LEFT_ARM, 0, 20, "a person waves");
     let no_edit = Command::Generate(Generate { refinement: Refinement::FAST, evaluations: 2, ..wave() });
     let script = [
         job(&given(&[good, Track { joint: 22, ..good }])),
         job(&given(&[good, Track { first: 35, ..good }])),
         job(&Given { obstacles: &[fast], ..Given::default() }),
+        job(&Given { timeline: &[arm, Span { frames: 7, ..arm }], ..Given::default() }),
+        job(&Given { timeline: &[Span { first: 30, ..arm }], ..Given::default() }),
+        job(&Given { timeline: &[arm, arm], ..Given::default() }),
+        job(&Given { timeline: &[arm, Span { prompt: Prompt::Text("zorb"), first: 20, ..arm }], ..Given::default() }),
+        job(&Given { timeline: &[Span { prompt: Prompt::Bank("zorb"), ..arm }], ..Given::default() }),
         // A model that reads words; a refinement that edits nothing.
         job(&Given { vector: Some(&[1.0, 0.5]), ..Given::default() }),
         stage(&given(&[good])).chain([no_edit]).collect(),
@@ -172,11 +209,21 @@ fn what_the_runtime_refuses_arrives_with_its_indices() {
             _ => None,
         })
         .collect();
+    let Failure::Timeline(TimelineFault::Prompt { error: not_stored @ PromptFault::NotStored { .. }, .. }) =
+        failures[7]
+    else {
+        panic!("{failures:?}");
+    };
     let expected = [
         Failure::Tracks(TrackFault::JointOutOfRange { index: 1, joint: 22, joints: 22 }),
         Failure::Tracks(TrackFault::FrameOutOfRange { index: 1, frame: 44, frames: 40 }),
         Failure::Obstacles(ObstacleFault::Margin { index: 0, margin: 1.5 }),
-        Failure::NoVectors,
+        Failure::Timeline(TimelineFault::TooShort { index: 1, frames: 7 }),
+        Failure::Timeline(TimelineFault::OutOfRange { index: 0, end: 50, frames: 40 }),
+        Failure::Timeline(TimelineFault::Overlap { first: 0, second: 1, parts: 2 }),
+        Failure::Timeline(TimelineFault::Prompt { index: 1, error: PromptFault::OnlyUnknownWords { words: 1 } }),
+        Failure::Timeline(TimelineFault::Prompt { index: 0, error: not_stored }),
+        Failure::Prompt(PromptFault::NoVectors),
         Failure::Tracks(TrackFault::NotExact),
     ];
     assert_eq!(failures, expected);
@@ -190,13 +237,13 @@ fn a_prompt_may_be_a_vector() {
     // Too short a one is refused with the width that there must be.
     let short = stage(&Given { vector: Some(&[1.0]), ..Given::default() });
     let told = said(&VECTORS.0, AREA / 4, short.chain([Command::Generate(wave())]).collect());
-    let Some(Reply::Event(Event::Failed { job, why: Failure::VectorWidth { found: 1, width } })) = told.last() else {
+    let short = |width| Failure::Prompt(PromptFault::VectorWidth { found: 1, width });
+    let Some(Reply::Event(Event::Failed { job, why: Failure::Prompt(PromptFault::VectorWidth { found: 1, width }) })) =
+        told.last()
+    else {
         panic!("{told:?}");
     };
-    assert_eq!(
-        told[told.len() - 2..],
-        [Reply::Accepted, failed(*job, Failure::VectorWidth { found: 1, width: *width })]
-    );
+    assert_eq!(told[told.len() - 2..], [Reply::Accepted, failed(*job, short(*width))]);
     let vector: Vec<f32> = (0..*width).map(|i| 0.25 * (i as f32 - 3.0)).collect();
     let frames = 2 * model.frames_per_token() as u16;
     let request = Generate { length: Length::Frames(frames), ..wave() };
@@ -213,9 +260,27 @@ fn a_prompt_may_be_a_vector() {
         |reply| matches!(reply, Reply::Event(Event::Ready { frames, understood: None, .. }) if usize::from(*frames) == made),
     );
     assert!(ready, "{told:?}");
-    assert!(
-        matches!(told.last(), Some(Reply::Event(Event::Failed { why: Failure::Vectors { width: w }, .. })) if w == width)
-    );
+    let Some(Reply::Event(Event::Failed {
+        why: Failure::Prompt(PromptFault::Vectors { width: of_model, .. }), ..
+    })) = told.last()
+    else {
+        panic!("{told:?}");
+    };
+    assert_eq!(of_model, width);
+    // Vectors of spans likewise.
+    let arm = |prompt| Span { prompt, ..Span::new(BodyParts::LEFT_ARM, 0, LEAST_SPAN, "") };
+    let request = Generate { length: Length::Frames(LEAST_SPAN), ..request };
+    let spans = [arm(Prompt::Vector(&vector))];
+    let narrow = [arm(Prompt::Vector(&vector[..1]))];
+    let script = [&spans, &narrow].map(|timeline| {
+        let given = Given { vector: Some(&vector), timeline, ..Given::default() };
+        stage(&given).chain([Command::Generate(request.clone())]).collect::<Vec<_>>()
+    });
+    let told = said(&VECTORS.0, AREA / 4, script.concat());
+    assert!(told.iter().any(|reply| matches!(reply, Reply::Event(Event::Ready { .. }))), "{told:?}");
+    let error = PromptFault::VectorWidth { found: 1, width: *width };
+    let Some(Reply::Event(Event::Failed { why, .. })) = told.last() else { panic!("{told:?}") };
+    assert_eq!(*why, Failure::Timeline(TimelineFault::Prompt { index: 0, error }));
 }
 
 #[test]

@@ -6,7 +6,9 @@ mod common;
 
 use common::host::{SILENCE, replies};
 use common::{BLOB, CONDITION_BYTES, Line, OTHER, Random, Raw, Robot, crc, sent};
-use motionette::{Course, Keyframe, MAX_OBSTACLES, MAX_TRACKS, Model, Obstacle, Shape, Track};
+use motionette::{
+    BodyParts, Course, Keyframe, MAX_OBSTACLES, MAX_SPANS, MAX_TRACKS, Model, Obstacle, Prompt, Shape, Span, Track,
+};
 use motionette_link::conditions::{Conditions, Given, KEYFRAMES};
 use motionette_link::frame::encode;
 use motionette_link::message::{
@@ -323,12 +325,13 @@ fn nothing_panics_and_the_rules_hold() {
     assert!(conditioned > 100, "{tally:?}");
 }
 
-/// Owned tracks and obstacles, of any numbers.
+/// Owned tracks, obstacles and spans, of any numbers.
 #[derive(Default)]
 struct Owned {
     positions: Vec<Vec<[f32; 3]>>,
     masks: Vec<Option<Vec<u8>>>,
     keyframes: Vec<Vec<Keyframe>>,
+    spans: Vec<(String, Vec<f32>)>,
     vector: Option<Vec<f32>>,
 }
 
@@ -351,6 +354,10 @@ fn with_conditions<R>(random: &mut Random, use_them: impl FnOnce(&Given<'_>) -> 
     for _ in 0..obstacles {
         let frame = |random: &mut Random| Keyframe { frame: random.bits() as u16, position: place(random) };
         some.keyframes.push((0..random.below(9)).map(|_| frame(random)).collect());
+    }
+    for _ in 0..random.below(4) {
+        let text = (0..random.below(97)).map(|_| char::from(random.bits() as u8)).collect();
+        some.spans.push((text, (0..random.below(9)).map(|_| number(random)).collect()));
     }
     let width = 1 + random.below(64);
     some.vector = random.once_in(2).then(|| (0..width).map(|_| number(random)).collect());
@@ -386,7 +393,20 @@ fn with_conditions<R>(random: &mut Random, use_them: impl FnOnce(&Given<'_>) -> 
             Obstacle { shape, course, margin: number(random), joints: random.bits() as u32 }
         })
         .collect();
-    use_them(&Given { tracks: &tracks, obstacles: &obstacles, vector: some.vector.as_deref() })
+    let timeline: Vec<Span<'_>> = some
+        .spans
+        .iter()
+        .map(|(text, vector)| {
+            let prompt = match random.below(3) {
+                0 => Prompt::Text(text),
+                1 => Prompt::Bank(text),
+                _ => Prompt::Vector(vector),
+            };
+            let parts = BodyParts::from_bits(random.bits() as u8 % 64).unwrap_or(BodyParts::UPPER_BODY);
+            Span { parts, first: random.bits() as u16, frames: random.bits() as u16, prompt }
+        })
+        .collect();
+    use_them(&Given { tracks: &tracks, obstacles: &obstacles, timeline: &timeline, vector: some.vector.as_deref() })
 }
 
 fn some_conditions(random: &mut Random) -> Vec<u8> {
@@ -414,7 +434,8 @@ fn conditions_there_and_back_and_damaged() {
             let conditions = Conditions::open(&area).unwrap_or_else(|fault| panic!("seed {seed}: {fault}"));
             let keyframes = conditions.keyframes();
             let (tracks, obstacles) = (conditions.tracks(), conditions.obstacles(&keyframes));
-            let back = Given { tracks: &tracks, obstacles: &obstacles, vector: conditions.vector() };
+            let (timeline, vector) = (conditions.timeline(), conditions.vector());
+            let back = Given { tracks: &tracks, obstacles: &obstacles, timeline: &timeline, vector };
             // Numbers may be none: their bits are compared.
             assert_eq!(sent(&back), bytes, "seed {seed}");
             assert_eq!(format!("{back:?}"), format!("{given:?}"), "seed {seed}");
@@ -440,7 +461,9 @@ fn conditions_there_and_back_and_damaged() {
             let keyframes = conditions.keyframes();
             let (tracks, obstacles) = (conditions.tracks(), conditions.obstacles(&keyframes));
             assert!(tracks.len() <= MAX_TRACKS && obstacles.len() <= MAX_OBSTACLES && keyframes.len() <= KEYFRAMES);
-            let again = sent(&Given { tracks: &tracks, obstacles: &obstacles, vector: conditions.vector() });
+            let (timeline, vector) = (conditions.timeline(), conditions.vector());
+            assert!(timeline.len() <= MAX_SPANS);
+            let again = sent(&Given { tracks: &tracks, obstacles: &obstacles, timeline: &timeline, vector });
             assert_eq!(again.len(), conditions.bytes(), "seed {seed}");
             // Other keyframes than its own are of no harm.
             let _ = conditions.obstacles(&keyframes[keyframes.len() / 2..]);

@@ -4,18 +4,18 @@ mod common;
 
 use common::{Random, Raw};
 use motionette::refining::Config;
-use motionette::{Error, ObstacleError, PromptError, TrackError};
+use motionette::{BodyParts, Error, ObstacleError, PromptError, TimelineError, TrackError};
 use motionette_link::frame::{Faults, Receiver, encode, frame_bytes};
 use motionette_link::message::{
     ANCHORS, Anchor, Blob, BlobFault, CHUNK_BYTES, Clearance, Command, Condition, ConditionsFault, DeviceLimits, Event,
     FEATURE_BYTES, Failure, Feature, FlashFault, Generate, Header, Hello, JobStage, Length, LossAction, Measure,
-    ModelInfo, NAME_BYTES, ObstacleFault, Owner, PHRASE_BYTES, REPLY_BYTES, REPLY_FRAME, REQUEST_BYTES, REQUEST_FRAME,
-    Refinement, Refusal, RefusedBlob, Reply, Start, StartFault, State, Status, Strain, TEXT_BYTES, Target, TrackFault,
-    Tracking, Transfer, Understood, UpdateFault, Work, name,
+    ModelInfo, NAME_BYTES, ObstacleFault, Owner, PHRASE_BYTES, PROTOCOL, PromptFault, REPLY_BYTES, REPLY_FRAME,
+    REQUEST_BYTES, REQUEST_FRAME, Refinement, Refusal, RefusedBlob, Reply, Start, StartFault, State, Status, Strain,
+    TEXT_BYTES, Target, TimelineFault, TrackFault, Tracking, Transfer, Understood, UpdateFault, Work, name,
 };
 use serde::{Serialize, de::DeserializeOwned};
 
-const HEADER: Header = Header { version: 3, session: u32::MAX, id: u32::MAX };
+const HEADER: Header = Header { version: PROTOCOL, session: u32::MAX, id: u32::MAX };
 
 fn round_trip<T: Serialize + DeserializeOwned + PartialEq + core::fmt::Debug>(message: &T, limit: usize) {
     let mut buffer = [0; REQUEST_FRAME];
@@ -97,9 +97,7 @@ fn every_reply_there_and_back() {
         Failure::FloatingPoint,
         Failure::Tokens { found: u32::MAX, limit: u32::MAX },
         Failure::NoPlanner,
-        Failure::EmptyPrompt,
-        Failure::LongPrompt { found: u32::MAX, limit: 1 },
-        Failure::UnknownWords { words: 3 },
+        Failure::Prompt(PromptFault::VectorWidth { found: u32::MAX, width: u32::MAX }),
         Failure::Steps { found: 0, limit: 1000 },
         Failure::Guidance { found: -1.0 },
         Failure::Anchors { found: 33, limit: 32 },
@@ -113,11 +111,11 @@ fn every_reply_there_and_back() {
         Failure::NotLinked { feature: Feature::new("refining") },
         Failure::Tracks(TrackFault::AnchorConflict { track: u32::MAX, anchor: u32::MAX, frame: u32::MAX }),
         Failure::Obstacles(ObstacleFault::TrackInside { index: u32::MAX, track: u32::MAX, frame: u32::MAX }),
-        Failure::Vectors { width: 512 },
-        Failure::NoVectors,
-        Failure::VectorWidth { found: u32::MAX, width: 512 },
-        Failure::VectorValue { index: u32::MAX },
-        Failure::ZeroVector,
+        Failure::Timeline(TimelineFault::OutOfRange { index: u8::MAX, end: u32::MAX, frames: u32::MAX }),
+        Failure::Timeline(TimelineFault::Prompt {
+            index: u8::MAX,
+            error: PromptFault::TooLong { found: u32::MAX, limit: u32::MAX },
+        }),
     ];
     let updates = [
         UpdateFault::Length { length: u32::MAX, limit: u32::MAX },
@@ -168,6 +166,7 @@ fn every_reply_there_and_back() {
             chunk_bytes: u16::MAX,
             blob_bytes: u32::MAX,
             condition_bytes: u32::MAX,
+            spans: u8::MAX,
             silence_ms: u32::MAX,
             on_silence: LossAction::Finish,
         },
@@ -231,13 +230,13 @@ fn bytes_of_a_request_and_its_reply() {
     let whole = [
         0x00, // delimiter
         0x11, // COBS: no zero in the next 16 bytes
-        0x03, // version
+        0x04, // version
         0xB4, 0x24, // session 0x1234
         0x02, // id
         0x09, // BlobBegin
         0xE8, 0x07, // length 1000
         0x8D, 0xE0, 0xFB, 0xD7, 0x0C, // crc32 0xCAFEF00D
-        0x88, 0xE7, 0x0B, 0x58, // CRC-32 of the twelve bytes above, as zlib has it
+        0x07, 0x0E, 0x93, 0x2C, // CRC-32 of the twelve bytes above, as zlib has it
         0x00, // delimiter
     ];
     assert_eq!(frame, whole);
@@ -248,10 +247,10 @@ fn bytes_of_a_request_and_its_reply() {
     let whole = [
         0x00, // delimiter
         0x06, // COBS: the next zero stands 6 bytes on
-        0x83, 0xB4, 0x24, 0x02, // version with the device's bit, session, id
+        0x84, 0xB4, 0x24, 0x02, // version with the device's bit, session, id
         0x04, // Chunk
         0x05, // next 0: a zero of the message; the next one stands 5 bytes on
-        0x02, 0x40, 0x19, 0x84, // CRC-32
+        0xBA, 0x70, 0x1C, 0x99, // CRC-32
         0x00, // delimiter
     ];
     assert_eq!(frame, whole);
@@ -259,7 +258,7 @@ fn bytes_of_a_request_and_its_reply() {
 
 /// Fields stand in the order of PROTOCOL.md, and every number is the variant that stands there.
 #[test]
-fn bytes_of_what_protocols_2_and_3_brought() {
+fn bytes_of_what_protocols_2_to_4_brought() {
     fn bytes(message: &impl Serialize) -> Vec<u8> {
         postcard::to_slice(message, &mut [0; REQUEST_BYTES]).unwrap().to_vec()
     }
@@ -322,10 +321,28 @@ fn bytes_of_what_protocols_2_and_3_brought() {
     assert_eq!(refused(Refusal::Conditions(ConditionsFault::Format { at: 12 })), [2, 18, 5, 12]);
     let failed = |why| bytes(&Reply::Event(Event::Failed { job: 1, why }));
     let track = TrackFault::Position { index: 1, frame: 2, limit: 1000.0 };
-    assert_eq!(failed(Failure::Tracks(track)), [6, 2, 1, 18, 5, 1, 2, 0, 0, 0x7A, 0x44]);
+    assert_eq!(failed(Failure::Tracks(track)), [6, 2, 1, 16, 5, 1, 2, 0, 0, 0x7A, 0x44]);
     let obstacle = ObstacleFault::TrackInside { index: 3, track: 4, frame: 300 };
-    assert_eq!(failed(Failure::Obstacles(obstacle)), [6, 2, 1, 19, 8, 3, 4, 0xAC, 2]);
-    assert_eq!(failed(Failure::VectorWidth { found: 3, width: 512 }), [6, 2, 1, 22, 3, 0x80, 4]);
+    assert_eq!(failed(Failure::Obstacles(obstacle)), [6, 2, 1, 17, 8, 3, 4, 0xAC, 2]);
+    let width = PromptFault::VectorWidth { found: 3, width: 512 };
+    assert_eq!(failed(Failure::Prompt(width)), [6, 2, 1, 4, 3, 3, 0x80, 4]);
+    let overlap = TimelineFault::Overlap { first: 1, second: 2, parts: 39 };
+    assert_eq!(failed(Failure::Timeline(overlap)), [6, 2, 1, 18, 4, 1, 2, 39]);
+    let beyond = TimelineFault::OutOfRange { index: 1, end: 300, frames: 40 };
+    assert_eq!(failed(Failure::Timeline(beyond)), [6, 2, 1, 18, 3, 1, 0xAC, 2, 40]);
+    let prompt = TimelineFault::Prompt { index: 7, error: width };
+    assert_eq!(failed(Failure::Timeline(prompt)), [6, 2, 1, 18, 5, 7, 3, 3, 0x80, 4]);
+    let limits = DeviceLimits {
+        text_bytes: 192,
+        anchors: 32,
+        chunk_bytes: 240,
+        blob_bytes: 0,
+        condition_bytes: 300,
+        spans: 8,
+        silence_ms: 5,
+        on_silence: LossAction::Hold,
+    };
+    assert_eq!(bytes(&limits), [0xC0, 1, 32, 0xF0, 1, 0, 0xAC, 2, 8, 5, 1]);
     let version = UpdateFault::Model(BlobFault::Version { found: 3, supported: 4 });
     assert_eq!(refused(Refusal::Unusable(version)), [2, 17, 4, 3, 3, 4]);
     // Numbers of a blob's faults stay what they are: later ones go to the end.
@@ -349,9 +366,23 @@ fn a_blob_that_needs_other_firmware_is_no_damaged_one() {
     assert!(left_out.to_string().contains("`tmd`") && left_out.to_string().contains("cargo feature"), "{left_out}");
 }
 
-/// What the runtime says of tracks and obstacles a host says in the same words.
+/// What the runtime says of prompts, tracks, obstacles and timelines a host says in the same words. Their numbers on the wire are those of
+/// the order here.
 #[test]
-fn failures_of_tracks_and_obstacles_keep_their_words() {
+fn failures_keep_the_runtime_s_words() {
+    let prompts = [
+        PromptError::NoEncoder { stored: 3 },
+        PromptError::Vectors { width: 512, stored: 3 },
+        PromptError::NoVectors,
+        PromptError::VectorWidth { found: 3, width: 512 },
+        PromptError::VectorValue { index: 9 },
+        PromptError::ZeroVector,
+        PromptError::Empty,
+        PromptError::TooLong { found: 200, limit: 192 },
+        PromptError::TooManyWords { found: 40, limit: 32 },
+        PromptError::OnlyUnknownWords { words: 2 },
+        PromptError::NotStored { stored: 3 },
+    ];
     let tracks = [
         TrackError::TooMany { tracks: 25, limit: 24 },
         TrackError::Nothing { index: 1 },
@@ -375,29 +406,41 @@ fn failures_of_tracks_and_obstacles_keep_their_words() {
         ObstacleError::AnchorInside { index: 1, anchor: 2 },
         ObstacleError::TrackInside { index: 1, track: 2, frame: 3 },
     ];
-    let tracks = tracks.map(|error| (error.to_string(), Failure::from(Error::Tracks(error)), 18));
-    let obstacles = obstacles.map(|error| (error.to_string(), Failure::from(Error::Obstacles(error)), 19));
-    let prompts = [
-        (PromptError::Vectors { width: 512, stored: 0 }, 20),
-        (PromptError::NoVectors, 21),
-        (PromptError::VectorWidth { found: 3, width: 512 }, 22),
-        (PromptError::VectorValue { index: 9 }, 23),
-        (PromptError::ZeroVector, 24),
+    let timelines = [
+        TimelineError::TooMany { spans: 9, limit: 8 },
+        TimelineError::NoParts { index: 1 },
+        TimelineError::TooShort { index: 1, frames: 7 },
+        TimelineError::OutOfRange { index: 1, end: 48, frames: 40 },
+        TimelineError::Overlap { first: 1, second: 2, parts: BodyParts::LEFT_ARM.and(BodyParts::HEAD) },
+        TimelineError::Prompt { index: 1, error: PromptError::Empty },
     ];
-    for (number, (words, failure, variant)) in tracks.into_iter().chain(obstacles).enumerate() {
-        round_trip(&Event::Failed { job: 1, why: failure }, REPLY_FRAME);
-        assert_eq!(failure.to_string(), words);
-        let fault = if number < 10 { number } else { number - 10 };
-        let sent = postcard::to_slice(&failure, &mut [0; 32]).unwrap()[..2].to_vec();
-        assert_eq!(sent, [variant, fault as u8], "{words}");
+    let errors = [
+        (4, prompts.map(Error::Prompt).to_vec()),
+        (16, tracks.map(Error::Tracks).to_vec()),
+        (17, obstacles.map(Error::Obstacles).to_vec()),
+        (18, timelines.map(Error::Timeline).to_vec()),
+    ];
+    for (variant, errors) in errors {
+        for (number, error) in (0..).zip(errors) {
+            let failure = Failure::from(error);
+            round_trip(&Event::Failed { job: 1, why: failure }, REPLY_FRAME);
+            assert_eq!(failure.to_string(), error.to_string());
+            let sent = postcard::to_slice(&failure, &mut [0; 32]).unwrap()[..2].to_vec();
+            assert_eq!(sent, [variant, number], "{error}");
+        }
     }
-    for (error, variant) in prompts {
-        let failure = Failure::from(Error::Prompt(error));
-        assert_eq!(postcard::to_slice(&failure, &mut [0; 32]).unwrap()[0], variant);
-        assert!(failure.to_string().contains("vector"), "{failure}");
+    for error in prompts {
+        let error = TimelineError::Prompt { index: 5, error };
+        assert_eq!(TimelineError::from(TimelineFault::from(error)), error);
     }
-    let left_out = Failure::from(Error::NotLinked { feature: "obstacles" });
-    assert_eq!(left_out, Failure::NotLinked { feature: Feature::new("obstacles") });
+    // Parts that no device sends are none.
+    let unheard = TimelineFault::Overlap { first: 0, second: 1, parts: 200 };
+    assert_eq!(TimelineError::from(unheard), TimelineError::Overlap { first: 0, second: 1, parts: BodyParts::NONE });
+    for feature in ["obstacles", "timeline"] {
+        let left_out = Failure::from(Error::NotLinked { feature });
+        assert_eq!(left_out, Failure::NotLinked { feature: Feature::new(feature) });
+        assert!(left_out.to_string().contains(feature), "{left_out}");
+    }
 }
 
 /// Names are cut between characters, and what comes over the line is a name or no message.

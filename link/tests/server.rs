@@ -4,7 +4,7 @@ mod common;
 
 use common::host::{HELLO, Host, SILENCE, replies};
 use common::{BLOB, CONDITION_BYTES, OTHER, crc, ready, ready_under, sent};
-use motionette::{Course, Joint, Keyframe, Obstacle, Shape, Track};
+use motionette::{BodyParts, Course, Joint, Keyframe, MAX_SPANS, Obstacle, Shape, Span, Track};
 use motionette_link::conditions::Given;
 use motionette_link::frame::{Faults, encode};
 use motionette_link::message::{
@@ -119,12 +119,12 @@ fn stop_works_always() {
     assert_eq!(host.as_numbered(header, &Command::Stop), Reply::Refused(Refusal::Version { supported: PROTOCOL }));
 }
 
-/// What hosts of versions 1 and 2 sent and understand, byte for byte: the refusal that names the version they are to speak.
+/// What hosts of versions 1 to 3 sent and understand, byte for byte: the refusal that names the version they are to speak.
 #[test]
 fn older_versions_are_told_which_version_this_is() {
     let mut host = Host::greeted(SILENCE);
     // Hello, Stop and a blob's beginning of session 0x1234.
-    let sent: [&[u8]; 4] = [
+    let sent: [&[u8]; 5] = [
         &[0x00, 0x05, 0x01, 0xB4, 0x24, 0x01, 0x05, 0x1D, 0xD8, 0x0D, 0x4F, 0x00],
         &[0x00, 0x0A, 0x01, 0xB4, 0x24, 0x02, 0x03, 0x64, 0xDA, 0x29, 0xFD, 0x00],
         &[
@@ -133,11 +133,13 @@ fn older_versions_are_told_which_version_this_is() {
         ],
         // Hello of version 2.
         &[0x00, 0x05, 0x02, 0xB4, 0x24, 0x01, 0x01, 0x05, 0x22, 0xFC, 0xDF, 0x37, 0x00],
+        // Hello of version 3.
+        &[0x00, 0x05, 0x03, 0xB4, 0x24, 0x01, 0x01, 0x05, 0x87, 0x2F, 0x83, 0xFC, 0x00],
     ];
-    // Version 3 with the device's bit, session, id; Refused, Version, 3.
-    let first = [0x00, 0x06, 0x83, 0xB4, 0x24, 0x01, 0x02, 0x06, 0x03, 0x07, 0x15, 0xB9, 0xB3, 0x00];
-    let later = [0x00, 0x06, 0x83, 0xB4, 0x24, 0x02, 0x02, 0x06, 0x03, 0xE9, 0xBA, 0x0C, 0xA1, 0x00];
-    for (bytes, reply) in sent.into_iter().zip([first, later, later, first]) {
+    // Version 4 with the device's bit, session, id; Refused, Version, 4.
+    let first = [0x00, 0x06, 0x84, 0xB4, 0x24, 0x01, 0x02, 0x06, 0x04, 0x2A, 0xBE, 0x7A, 0xE8, 0x00];
+    let later = [0x00, 0x06, 0x84, 0xB4, 0x24, 0x02, 0x02, 0x06, 0x04, 0xC4, 0x11, 0xCF, 0xFA, 0x00];
+    for (bytes, reply) in sent.into_iter().zip([first, later, later, first, first]) {
         assert_eq!(host.send(bytes), reply);
     }
     assert_eq!(host.robot.calls, [""; 0]);
@@ -572,14 +574,15 @@ fn under(conditions: bool) -> Command {
     Command::Generate(Generate { conditions, ..request })
 }
 
-/// Two tracks, an obstacle and a vector: 12 + 12 + 2 * 12 + 40 * 12 + 11 * 12 + 12 bytes and those of the obstacle.
+/// Two tracks, an obstacle, a span and a vector: 12 + 12 + 2 * 12 + 40 * 12 + 11 * 12 + 12 bytes, those of the obstacle and 8 + 8.
 fn conditions() -> Vec<u8> {
     let (path, mask) = ([[0.25, 1.0, -0.5]; 40], [1, 0, 1, 1, 0, 0, 0, 0, 0, 0, 1]);
     let tracks =
         [Track::new(Joint::RightWrist, 3, &path), Track::new(Joint::Pelvis, 0, &path[..11]).masked(&mask).within(0.02)];
     let keys = [Keyframe { frame: 0, position: [0.0; 3] }, Keyframe { frame: 9, position: [1.0, 0.0, 0.0] }];
     let obstacles = [Obstacle::new(Shape::Sphere { radius: 0.5 }, [0.0; 3]).moving(Course::Keyframes(&keys))];
-    sent(&Given { tracks: &tracks, obstacles: &obstacles, vector: Some(&[0.5, -0.5, 1.0]) })
+    let timeline = [Span::new(BodyParts::LEFT_ARM, 8, 40, "waves")];
+    sent(&Given { tracks: &tracks, obstacles: &obstacles, timeline: &timeline, vector: Some(&[0.5, -0.5, 1.0]) })
 }
 
 #[test]
@@ -587,6 +590,8 @@ fn conditions_come_in_pieces_and_belong_to_a_request() {
     let mut host = Host::new(SILENCE);
     let Reply::Hello(hello) = host.ask(&HELLO) else { panic!() };
     assert_eq!(hello.limits.condition_bytes as usize, CONDITION_BYTES);
+    // All features are linked.
+    assert_eq!(usize::from(hello.limits.spans), MAX_SPANS);
     let refused = |fault| Refusal::Conditions(fault);
     assert_eq!(host.refused(&under(true)), refused(ConditionsFault::NotSent));
     let bytes = conditions();
@@ -619,9 +624,9 @@ fn conditions_come_in_pieces_and_belong_to_a_request() {
     for _ in 0..2 {
         host.accepted(&under(true));
         let job = host.id;
-        assert_eq!(host.robot.given, [2, 1, 3]);
-        assert_eq!(host.wait(150), [ready_under(job, false, [2, 1, 3])]);
-        assert_eq!(host.status().outcome, Some(ready_under(job, false, [2, 1, 3])));
+        assert_eq!(host.robot.given, [2, 1, 1, 3]);
+        assert_eq!(host.wait(150), [ready_under(job, false, [2, 1, 1, 3])]);
+        assert_eq!(host.status().outcome, Some(ready_under(job, false, [2, 1, 1, 3])));
     }
     // Also while it moves: they lie in no flash.
     host.accepted(&Command::Play);
@@ -651,8 +656,8 @@ fn conditions_that_are_wrong_are_refused_as_such() {
     assert_eq!(host.refused(&under(true)), refused(ConditionsFault::Checksum { computed, announced }));
     assert_eq!(host.refused(&under(true)), refused(ConditionsFault::NotSent));
     assert_eq!(host.status().staged, None);
-    // Right sums of what makes no sense: a format that came later, one track too many, four bytes too much.
-    for (at, byte, place) in [(4, 2, 4), (5, 25, 4), (0, bytes[0] + 4, 0), (0, bytes[0] - 4, 0)] {
+    // Right sums of what makes no sense: a format that came later, one track and one span too many, four bytes too much.
+    for (at, byte, place) in [(4, 3, 4), (5, 25, 4), (7, 9, 4), (0, bytes[0] + 4, 0), (0, bytes[0] - 4, 0)] {
         let mut bad = bytes.clone();
         bad[at] = byte;
         host.stage(&bad);

@@ -133,7 +133,7 @@ pub use request::conditions::{
 };
 pub use request::joint::{Joint, NoSuchJoint};
 pub use request::prompt::{Prompt, PromptError, PromptStats};
-pub use request::timeline::{BodyParts, LEAST_SPAN, MAX_SPANS, Span, TimelineError};
+pub use request::timeline::{BodyParts, LEAST_SPAN, LINKED_SPANS, MAX_SPANS, Span, TimelineError};
 pub use request::{Bones, Request, Source};
 pub use stop::Stop;
 pub use text::clauses::{Clauses, MAX_CLAUSES};

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use motionette::refining::{Config, Exact};
 use motionette::{
-    BodyParts, Bones, Error, Generator, Joint, Limits, Model, Plan, Prompt, Request, Span, TimelineError, Track,
+    BodyParts, Bones, Error, Generator, Joint, Limits, Model, Plan, Prompt, PromptError, Request, Span, TimelineError,
+    Track,
 };
 use motionette_host::blob::BlobFile;
 use motionette_host::metrics;
@@ -235,12 +236,21 @@ fn what_is_at_fault_is_named_and_the_next_request_runs() {
         (&[arm, arm], timeline(TimelineError::Overlap { first: 0, second: 1, parts: BodyParts::RIGHT_ARM })),
         (
             &[Span { prompt: Prompt::Text(" "), ..arm }],
-            timeline(TimelineError::Prompt { index: 0, error: motionette::PromptError::Empty }),
+            timeline(TimelineError::Prompt { index: 0, error: PromptError::Empty }),
         ),
         (&[Span { frames: 3, ..arm }], timeline(TimelineError::TooShort { index: 0, frames: 3 })),
+        (
+            &[arm, Span { prompt: Prompt::Text("zebra quagga"), parts: BodyParts::HEAD, ..arm }],
+            timeline(TimelineError::Prompt { index: 1, error: PromptError::OnlyUnknownWords { words: 2 } }),
+        ),
     ] {
         assert_eq!(generator.generate(&request.timeline(spans), &mut ()).map(|_| ()), wanted);
-        assert_eq!(generator.plan(&request.timeline(spans)).map(|_| ()), wanted);
+        // Whether words are known shows when they are read.
+        let unread = matches!(
+            wanted,
+            Err(Error::Timeline(TimelineError::Prompt { error: PromptError::OnlyUnknownWords { .. }, .. }))
+        );
+        assert_eq!(generator.plan(&request.timeline(spans)).map(|_| ()), if unread { Ok(()) } else { wanted });
         generator.generate(&request.timeline(&[arm]), &mut ()).expect("it goes on");
     }
     // That no word is known is seen when they are read.

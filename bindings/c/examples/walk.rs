@@ -37,7 +37,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let planning = Some(PlanningLimits { words: 8, steps: 5, guided: true, anchors: true, clauses: 1 });
     let plan = Plan::for_request(
         &model,
-        &Limits { tokens: 15, anchors: 2, tracked: 0, timeline: None, refinement: Config::default(), planning, rows: motionette::ROWS },
+        &Limits {
+            tokens: 15,
+            anchors: 2,
+            tracked: 0,
+            timeline: None,
+            refinement: Config::default(),
+            planning,
+            rows: motionette::ROWS,
+        },
     )?;
     println!("plan: {} bytes of arena, {} million multiply-accumulates", plan.arena_bytes, plan.macs / 1_000_000);
 

@@ -41,6 +41,9 @@
 // All joints, as `joints` of an obstacle has them.
 #define MTN_ALL_JOINTS 4194303
 
+// Most spans of a request.
+#define MTN_MAX_SPANS 8
+
 // Words of `mtn_generator`'s storage.
 #define MTN_GENERATOR_WORDS 640
 
@@ -225,6 +228,25 @@ enum mtn_error
     MTN_ERROR_ANCHOR_INSIDE = 130,
     // A track passes through it. `index`: the obstacle; `found`: the track; `limit`: the first frame at which it is inside.
     MTN_ERROR_TRACK_INSIDE = 131,
+    // Too many spans. `found`: how many; `limit`: most there may be.
+    MTN_ERROR_TOO_MANY_SPANS = 140,
+    // `index`: the span; `found`: its parts, of which some are none of `MTN_PART_*`, or a trunk without head and arms.
+    MTN_ERROR_SPAN_PARTS = 141,
+    // A span moves no part of the body. `index`: the span.
+    MTN_ERROR_SPAN_NOTHING = 142,
+    // A span is too short. `index`: the span; `found`: its frames; `limit`: the fewest there may be.
+    MTN_ERROR_SPAN_FRAMES = 143,
+    // A span goes on behind the end of the motion. `index`: the span; `found`: the frame behind its last; `limit`: frames of the motion.
+    MTN_ERROR_SPAN_END = 144,
+    // Two spans move one part at one frame. `index`: the second; `found`: the first; `limit`: the parts that both move.
+    MTN_ERROR_SPAN_OVERLAP = 145,
+    // A span has either a text, or a stored prompt, or a vector. `index`: the span; `found`: how many of them are set; `limit`: 1.
+    MTN_ERROR_SPAN_SOURCE = 146,
+    // A span's prompt was refused. `index`: the span; `found`: the code of a request with that prompt, of which `mtn_error_message` says what
+    // it is; `limit`: the `limit` of that code, or the `index` where it has one.
+    MTN_ERROR_SPAN_PROMPT = 147,
+    // Limits with spans and without words: spans are planned from prompts. `found`: spans.
+    MTN_ERROR_SPAN_WORDS = 148,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -394,6 +416,28 @@ typedef struct mtn_obstacle {
     mtn_course course;
 } mtn_obstacle;
 
+// Parts of the body: `MTN_PART_*`, joined by `|`.
+typedef uint8_t mtn_parts;
+
+// A prompt of its own for some parts of the body, over some frames of the motion: set one of `text`, `stored` and `vector`, as of a request.
+// What is not of these parts moves as it would without the span.
+typedef struct mtn_span {
+    // What they do, one clause whatever it says; or null.
+    const char *text;
+    // Name of a prompt that the blob stores; or null.
+    const char *stored;
+    // Prompt as a vector, `vector_count` numbers; or null.
+    const float *vector;
+    // Numbers in `vector`.
+    size_t vector_count;
+    // First frame.
+    uint16_t first;
+    // Frames, 8 or more.
+    uint16_t frames;
+    // What moves. Two spans may not move one part at one frame.
+    mtn_parts parts;
+} mtn_span;
+
 // One motion to be made: begin with `mtn_request_default`, then set one of `text`, `stored`, `vector` and `tokens`.
 //
 // The library reads what is pointed to during `mtn_generate` only.
@@ -444,6 +488,11 @@ typedef struct mtn_request {
     const struct mtn_obstacle *obstacles;
     // Obstacles, at most `MTN_MAX_OBSTACLES`.
     size_t obstacle_count;
+    // What parts of the body do instead, over spans of the motion, each with a prompt of its own; may be null when there are none. They are
+    // planned with `steps` and `guidance`; anchors, tracks and obstacles are met by what comes of all of it.
+    const struct mtn_span *timeline;
+    // Spans, at most `MTN_MAX_SPANS`.
+    size_t span_count;
 } mtn_request;
 
 // Largest request that is to be served.
@@ -470,6 +519,9 @@ typedef struct mtn_limits {
     // with obstacles up to six more, which lead the figure out. `MTN_JOINTS` is enough for every request. 0: neither tracks nor
     // obstacles. With them `exact` must be set.
     size_t tracked;
+    // Spans of a timeline, at most `MTN_MAX_SPANS`, each as long as the motion and with a prompt of so many `words`, which must not be 0:
+    // of the larger of prompt and spans where they differ, of the spans where the tokens are given.
+    size_t spans;
 } mtn_limits;
 
 // Memory and work of the largest request inside some limits.
@@ -564,7 +616,17 @@ typedef struct mtn_clearance {
     uint8_t joint;
 } mtn_clearance;
 
-// A finished motion. Its arrays lie in the generator's arena, until the generator is used again.
+// What was understood of the prompt of a span.
+typedef struct mtn_heard {
+    // What it was understood as; `mtn_understood_in_words` says it in words.
+    struct mtn_understood understood;
+    // Its words.
+    uint16_t words;
+    // Of these, words that the model does not know.
+    uint16_t unknown_words;
+} mtn_heard;
+
+// A finished motion. Its arrays lie in the generator and its arena, until the generator is used again.
 typedef struct mtn_motion {
     // Joint positions `[frames][22][3]`, metres: `joints[frame][MTN_JOINT_HEAD][1]` is the head's height.
     const float (*joints)[MTN_JOINTS][3];
@@ -614,6 +676,10 @@ typedef struct mtn_motion {
     struct mtn_clearance clearance;
     // Positions of tracks that could not be followed as fast as they ask for.
     uint16_t hurried_positions;
+    // What was understood of the prompts of the timeline's spans, in the request's order; null without a timeline.
+    const struct mtn_heard *spans;
+    // Spans.
+    size_t span_count;
 } mtn_motion;
 
 // The pelvis at `[x, y, z]`.
@@ -661,6 +727,30 @@ typedef struct mtn_motion {
 // Its middle goes from keyframe to keyframe in straight lines; before the first and behind the last it stays.
 #define MTN_COURSE_KEYFRAMES 2
 
+// How the head is held on the neck.
+#define MTN_PART_HEAD 1
+
+// Left shoulder, elbow and wrist, as the chest carries them.
+#define MTN_PART_LEFT_ARM 2
+
+// Right shoulder, elbow and wrist, as the chest carries them.
+#define MTN_PART_RIGHT_ARM 4
+
+// Left knee, ankle and foot, as the pelvis carries them.
+#define MTN_PART_LEFT_LEG 8
+
+// Right knee, ankle and foot, as the pelvis carries them.
+#define MTN_PART_RIGHT_LEG 16
+
+// Both arms.
+#define MTN_PART_ARMS 6
+
+// Both legs.
+#define MTN_PART_LEGS 24
+
+// All above the pelvis: spine, chest, head and both arms.
+#define MTN_PART_UPPER_BODY 39
+
 // Go on.
 #define MTN_FLOW_CONTINUE 0
 
@@ -670,16 +760,6 @@ typedef struct mtn_motion {
 
 // Stop at once, no motion. Any other number counts as this.
 #define MTN_FLOW_ABORT 2
-
-
-
-
-
-
-
-
-
-
 
 #ifdef __cplusplus
 extern "C" {
@@ -718,7 +798,7 @@ struct mtn_result mtn_model_vector_width(const struct mtn_model *model, size_t *
 struct mtn_result mtn_model_plan(const struct mtn_model *model, const struct mtn_limits *limits, struct mtn_plan *plan);
 
 // A request for nothing yet: five steps, guidance 2, exact anchors, planted feet, the model's own body, seed 0, the length that the text
-// suggests, neither tracks nor obstacles.
+// suggests, neither tracks nor obstacles nor a timeline.
 struct mtn_request mtn_request_default(void);
 
 // Makes a generator of `model` that works in `arena` and nowhere else.
@@ -780,6 +860,15 @@ struct mtn_result mtn_motion_understood(struct mtn_generator *generator,
                                         const struct mtn_motion *motion,
                                         char *text,
                                         size_t bytes);
+
+// The same of one clause: of the prompt of a span, `motion.spans[i].understood`.
+//
+// # Safety
+// As of `mtn_generate`; `understood` came from a motion of this generator; `text` points to `bytes` bytes, at least 1.
+struct mtn_result mtn_understood_in_words(struct mtn_generator *generator,
+                                          const struct mtn_understood *understood,
+                                          char *text,
+                                          size_t bytes);
 
 #ifdef __cplusplus
 }  // extern "C"

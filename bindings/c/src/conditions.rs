@@ -5,6 +5,7 @@ use motionette::{Course, Joint, Keyframe, Obstacle, Request, Shape, Track};
 use crate::error::{mtn_error, mtn_result};
 use crate::pointer::{clamped, slice};
 use crate::request::mtn_request;
+use crate::timeline::{fill_spans, no_spans};
 
 /// Most tracks of a request.
 pub const MTN_MAX_TRACKS: usize = 24;
@@ -118,13 +119,33 @@ const TRACKS: usize = if cfg!(feature = "tracks") { MTN_MAX_TRACKS } else { 0 };
 const OBSTACLES: usize = if cfg!(feature = "obstacles") { MTN_MAX_OBSTACLES } else { 0 };
 const KEYFRAMES: usize = if cfg!(feature = "obstacles") { MTN_MAX_KEYFRAMES } else { 0 };
 
-/// Runs `work` on `resolved` with the tracks and obstacles of `request`.
+/// Runs `work` on `resolved` with the timeline, the tracks and the obstacles of `request`.
 ///
 /// # Safety
-/// The request's tracks and obstacles, and what they point to, MUST be readable and unchanged during the call.
+/// The request's spans, tracks and obstacles, and what they point to, MUST be readable and unchanged during the call.
 // Its own frame: requests without them do not need the room.
 #[inline(never)]
 pub(crate) unsafe fn with_conditions<R>(
+    request: &mtn_request,
+    resolved: Request<'_>,
+    work: &mut dyn FnMut(Request<'_>) -> Result<R, mtn_result>,
+) -> Result<R, mtn_result> {
+    let mut spans = no_spans();
+    // SAFETY: the caller vouches for them.
+    let resolved = resolved.timeline(unsafe { fill_spans(request, &mut spans) }?);
+    match (request.track_count, request.obstacle_count) {
+        (0, 0) => work(resolved),
+        // SAFETY: as above.
+        _ => unsafe { with_tracks_and_obstacles(request, resolved, work) },
+    }
+}
+
+/// The same of tracks and obstacles alone.
+///
+/// # Safety
+/// As of [`with_conditions`].
+#[inline(never)]
+unsafe fn with_tracks_and_obstacles<R>(
     request: &mtn_request,
     resolved: Request<'_>,
     work: &mut dyn FnMut(Request<'_>) -> Result<R, mtn_result>,
@@ -218,7 +239,7 @@ unsafe fn fill_obstacles<'a, 'r>(
 }
 
 /// Refuses more than there may be, and any at all that the library was built without.
-fn check_count(found: usize, limit: usize, linked: bool, error: mtn_error) -> Result<(), mtn_result> {
+pub(crate) fn check_count(found: usize, limit: usize, linked: bool, error: mtn_error) -> Result<(), mtn_result> {
     if found > 0 && !linked {
         Err(mtn_error::BlobNotLinked.into())
     } else if found > limit {

@@ -6,7 +6,7 @@ use motionette::AnchorError;
 use motionette::PlanningError;
 use motionette::PromptError;
 use motionette::refining::SolverError;
-use motionette::{Error, FARTHEST, ObstacleError, TrackError, blob};
+use motionette::{Error, FARTHEST, LEAST_SPAN, ObstacleError, TimelineError, TrackError, blob};
 
 use crate::pointer::clamped;
 
@@ -185,6 +185,26 @@ pub enum mtn_error {
     AnchorInside = 130,
     /// A track passes through it. `index`: the obstacle; `found`: the track; `limit`: the first frame at which it is inside.
     TrackInside = 131,
+
+    /// Too many spans. `found`: how many; `limit`: most there may be.
+    TooManySpans = 140,
+    /// `index`: the span; `found`: its parts, of which some are none of `MTN_PART_*`, or a trunk without head and arms.
+    SpanParts = 141,
+    /// A span moves no part of the body. `index`: the span.
+    SpanNothing = 142,
+    /// A span is too short. `index`: the span; `found`: its frames; `limit`: the fewest there may be.
+    SpanFrames = 143,
+    /// A span goes on behind the end of the motion. `index`: the span; `found`: the frame behind its last; `limit`: frames of the motion.
+    SpanEnd = 144,
+    /// Two spans move one part at one frame. `index`: the second; `found`: the first; `limit`: the parts that both move.
+    SpanOverlap = 145,
+    /// A span has either a text, or a stored prompt, or a vector. `index`: the span; `found`: how many of them are set; `limit`: 1.
+    SpanSource = 146,
+    /// A span's prompt was refused. `index`: the span; `found`: the code of a request with that prompt, of which `mtn_error_message` says what
+    /// it is; `limit`: the `limit` of that code, or the `index` where it has one.
+    SpanPrompt = 147,
+    /// Limits with spans and without words: spans are planned from prompts. `found`: spans.
+    SpanWords = 148,
 }
 
 /// An error and the numbers that explain it.
@@ -297,6 +317,15 @@ static MESSAGES: &[(mtn_error, &CStr)] = &[
     (mtn_error::ObstacleJoints, c"no joint keeps clear of an obstacle, or one that does not exist"),
     (mtn_error::AnchorInside, c"an anchor lies inside an obstacle"),
     (mtn_error::TrackInside, c"a track passes through an obstacle"),
+    (mtn_error::TooManySpans, c"too many spans of a timeline"),
+    (mtn_error::SpanParts, c"a span has unknown parts of the body, or a trunk without head and arms"),
+    (mtn_error::SpanNothing, c"a span moves no part of the body"),
+    (mtn_error::SpanFrames, c"a span has less than 8 frames"),
+    (mtn_error::SpanEnd, c"a span goes on behind the end of the motion"),
+    (mtn_error::SpanOverlap, c"two spans move one part of the body at the same time"),
+    (mtn_error::SpanSource, c"a span has either a text, or a stored prompt, or a vector"),
+    (mtn_error::SpanPrompt, c"a span's prompt was refused: the number that was found is the code that says why"),
+    (mtn_error::SpanWords, c"the limits have spans and no words: spans are planned from prompts"),
 ];
 
 /// Runs `work` and says how it went.
@@ -377,6 +406,7 @@ impl From<Error> for mtn_result {
             Error::Anchors(e) => e.into(),
             Error::Tracks(e) => e.into(),
             Error::Obstacles(e) => e.into(),
+            Error::Timeline(e) => e.into(),
             Error::Solver(SolverError::Tokens { tokens, limit }) => numbers(mtn_error::RefinementLength, tokens, limit),
             Error::Solver(SolverError::NotFinite) => mtn_error::RefinementNotFinite.into(),
             Error::NotLinked { .. } => mtn_error::BlobNotLinked.into(),
@@ -404,7 +434,6 @@ impl From<PromptError> for mtn_result {
             }
             PromptError::ZeroVector => mtn_error::PromptVectorZero.into(),
             PromptError::NotStored { stored } => numbers(mtn_error::PromptNotStored, stored, 0),
-            _ => mtn_error::Other.into(),
         }
     }
 }
@@ -478,6 +507,36 @@ impl From<ObstacleError> for mtn_result {
             E::Joints { index } => at(mtn_error::ObstacleJoints, index, 0, 0),
             E::AnchorInside { index, anchor } => at(mtn_error::AnchorInside, index, anchor, 0),
             E::TrackInside { index, track, frame } => at(mtn_error::TrackInside, index, track, frame),
+        }
+    }
+}
+
+impl From<TimelineError> for mtn_result {
+    fn from(error: TimelineError) -> Self {
+        use TimelineError as E;
+        let at = |error, index: u8, found, limit| at(error, usize::from(index), found, limit);
+        match error {
+            E::TooMany { spans, limit } => numbers(mtn_error::TooManySpans, spans, limit),
+            E::NoParts { index } => at(mtn_error::SpanNothing, index, 0, 0),
+            E::TooShort { index, frames } => {
+                at(mtn_error::SpanFrames, index, usize::from(frames), usize::from(LEAST_SPAN))
+            }
+            E::OutOfRange { index, end, frames } => at(mtn_error::SpanEnd, index, end, frames),
+            E::Overlap { first, second, parts } => {
+                at(mtn_error::SpanOverlap, second, usize::from(first), usize::from(parts.bits()))
+            }
+            E::Prompt { index, error } => of_span(usize::from(index), error.into()),
+        }
+    }
+}
+
+/// What is refused of a prompt, as that of a span. Pointers stay those of the request.
+pub(crate) fn of_span(index: usize, refused: mtn_result) -> mtn_result {
+    match refused.error {
+        mtn_error::NullPointer | mtn_error::Misaligned | mtn_error::Length => refused,
+        error => {
+            let limit = if refused.limit > 0 { refused.limit } else { refused.index };
+            mtn_result { index: clamped(index), found: error as u32, limit, ..mtn_error::SpanPrompt.into() }
         }
     }
 }

@@ -5,13 +5,14 @@ use core::fmt::{self, Write};
 use core::ops::ControlFlow;
 
 use motionette::refining::{Clearance, ControlError, TrackingError};
-use motionette::{Generator, Guess, Model, Motion, Observer, Progress, Request, Stage, Stop, Understood};
+use motionette::{Generator, Guess, LINKED_SPANS, Model, Motion, Observer, Progress, Request, Stage, Stop, Understood};
 
 use crate::conditions::with_conditions;
 use crate::error::{mtn_error, mtn_result, report};
 use crate::model::{self, mtn_model};
 use crate::pointer::{Slot, place, slice, slice_mut};
 use crate::request::{Anchors, MTN_JOINTS, mtn_request};
+use crate::timeline::mtn_heard;
 
 /// Words of `mtn_generator`'s storage.
 pub const MTN_GENERATOR_WORDS: usize = 640;
@@ -28,7 +29,13 @@ pub struct mtn_generator {
 }
 
 /// What lies in the storage.
-type Opened = Slot<Generator<'static>>;
+struct Maker {
+    generator: Generator<'static>,
+    /// What was understood of the spans of the last motion that had some.
+    heard: [mtn_heard; LINKED_SPANS],
+}
+
+type Opened = Slot<Maker>;
 
 const _: () = assert!(
     size_of::<mtn_generator>() >= size_of::<Opened>() && align_of::<mtn_generator>() >= align_of::<Opened>(),
@@ -148,7 +155,7 @@ pub struct mtn_clearance {
     pub joint: u8,
 }
 
-/// A finished motion. Its arrays lie in the generator's arena, until the generator is used again.
+/// A finished motion. Its arrays lie in the generator and its arena, until the generator is used again.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct mtn_motion {
@@ -200,6 +207,10 @@ pub struct mtn_motion {
     pub clearance: mtn_clearance,
     /// Positions of tracks that could not be followed as fast as they ask for.
     pub hurried_positions: u16,
+    /// What was understood of the prompts of the timeline's spans, in the request's order; null without a timeline.
+    pub spans: *const mtn_heard,
+    /// Spans.
+    pub span_count: usize,
 }
 
 /// Makes a generator of `model` that works in `arena` and nowhere else.
@@ -226,7 +237,8 @@ pub unsafe extern "C" fn mtn_generator_open(
         place(arena.cast::<u8>(), 2)?;
         // SAFETY: the caller promises bytes that nobody else uses.
         let arena = unsafe { slice_mut(arena.cast::<u8>(), arena_bytes, 2) }?;
-        let opened = Generator::new(model.clone(), arena)?;
+        let opened =
+            Maker { generator: Generator::new(model.clone(), arena)?, heard: [mtn_heard::NOTHING; LINKED_SPANS] };
         // SAFETY: aligned; the caller promises storage.
         unsafe { Slot::open(slot, opened) };
         Ok(())
@@ -244,8 +256,8 @@ pub unsafe extern "C" fn mtn_generator_open(
 pub unsafe extern "C" fn mtn_generator_set_rows(generator: *mut mtn_generator, rows: usize) -> mtn_result {
     report(|| {
         let slot = place(generator, 0)?.cast::<Opened>().cast_mut();
-        let work = |generator: &mut Generator<'static>| {
-            generator.set_rows(rows);
+        let work = |maker: &mut Maker| {
+            maker.generator.set_rows(rows);
             Ok(())
         };
         // SAFETY: aligned; the caller promises storage and one thread at a time.
@@ -278,16 +290,21 @@ pub unsafe extern "C" fn mtn_generate(
         let resolved = unsafe { request.resolved(&anchors) }?;
         let mut watch = Watch { progress, context };
         let mut make = |request: Request<'_>| {
-            let work = |generator: &mut Generator<'static>| {
+            let work = |Maker { generator, heard }: &mut Maker| {
                 // C says nothing of how proposals are drawn: as the planner is meant to.
                 let request = request.sampling(generator.model().default_planning().sampling);
-                Ok(mtn_motion::new(&generator.generate(&request, &mut watch)?))
+                let motion = generator.generate(&request, &mut watch)?;
+                let spans = heard.get_mut(..request.timeline.len()).unwrap_or_default();
+                for (to, from) in spans.iter_mut().zip(motion.spans()) {
+                    *to = (*from).into();
+                }
+                Ok(mtn_motion::new(&motion, spans))
             };
             // SAFETY: aligned; the caller promises storage and one thread at a time.
             unsafe { Slot::with(slot, 0, work) }
         };
-        let made = match (request.track_count, request.obstacle_count) {
-            (0, 0) => make(resolved),
+        let made = match (request.track_count, request.obstacle_count, request.span_count) {
+            (0, 0, 0) => make(resolved),
             // SAFETY: as above.
             _ => unsafe { with_conditions(&request, resolved, &mut make) },
         }?;
@@ -307,7 +324,7 @@ pub unsafe extern "C" fn mtn_generate(
 pub unsafe extern "C" fn mtn_self_test(generator: *mut mtn_generator) -> mtn_result {
     report(|| {
         let slot = place(generator, 0)?.cast::<Opened>().cast_mut();
-        let work = |generator: &mut Generator<'static>| match generator.self_test()? {
+        let work = |maker: &mut Maker| match maker.generator.self_test()? {
             Some(true) => Ok(()),
             Some(false) => Err(mtn_error::SelfTestFailed.into()),
             None => Err(mtn_error::NoSelfTest.into()),
@@ -352,36 +369,70 @@ pub unsafe extern "C" fn mtn_motion_understood(
     bytes: usize,
 ) -> mtn_result {
     report(|| {
-        let slot = place(generator, 0)?.cast::<Opened>().cast_mut();
+        place(generator, 0)?;
         // SAFETY: aligned; the caller promises a value.
-        let motion = unsafe { place(motion, 1)?.read() };
-        place(text, 2)?;
-        if bytes == 0 {
-            return Err(mtn_result { index: 3, limit: 1, ..mtn_error::Length.into() });
-        }
-        // SAFETY: the caller promises bytes that nobody else uses.
-        let room = unsafe { slice_mut(text.cast::<u8>(), bytes, 2) }?;
-        let work = |generator: &mut Generator<'static>| {
-            let mut text = Text { room, len: 0 };
-            let clauses = core::iter::once(&motion.understood).chain(&motion.then);
-            for (k, clause) in clauses.filter_map(mtn_understood::understood).enumerate() {
-                let separator = if k > 0 { ", then " } else { "" };
-                // Too little room is no error: what is there can be read.
-                let _ = write!(text, "{separator}{}", generator.model().in_words(clause));
-            }
-            let end = text.len;
-            if let Some(zero) = text.room.get_mut(end) {
-                *zero = 0;
-            }
-            Ok(())
-        };
-        // SAFETY: aligned; the caller promises storage and one thread at a time.
-        unsafe { Slot::with(slot, 0, work) }
+        let mtn_motion { understood, then: [second, third], .. } = unsafe { &*place(motion, 1)? };
+        // SAFETY: the caller's promises are the same.
+        unsafe { write_words(generator, &[understood, second, third], (text, bytes)) }
     })
 }
 
+/// The same of one clause: of the prompt of a span, `motion.spans[i].understood`.
+///
+/// # Safety
+/// As of `mtn_generate`; `understood` came from a motion of this generator; `text` points to `bytes` bytes, at least 1.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mtn_understood_in_words(
+    generator: *mut mtn_generator,
+    understood: *const mtn_understood,
+    text: *mut c_char,
+    bytes: usize,
+) -> mtn_result {
+    report(|| {
+        place(generator, 0)?;
+        // What lies in the generator is read before the generator is used.
+        // SAFETY: aligned; the caller promises a value.
+        let understood = unsafe { place(understood, 1)?.read() };
+        // SAFETY: the caller's promises are the same.
+        unsafe { write_words(generator, &[&understood], (text, bytes)) }
+    })
+}
+
+/// Writes what clauses were understood as, one behind the other, and a zero.
+///
+/// # Safety
+/// As of [`mtn_motion_understood`].
+unsafe fn write_words(
+    generator: *mut mtn_generator,
+    clauses: &[&mtn_understood],
+    (text, bytes): (*mut c_char, usize),
+) -> Result<(), mtn_result> {
+    let slot = generator.cast::<Opened>();
+    place(text, 2)?;
+    if bytes == 0 {
+        return Err(mtn_result { index: 3, limit: 1, ..mtn_error::Length.into() });
+    }
+    // SAFETY: the caller promises bytes that nobody else uses.
+    let room = unsafe { slice_mut(text.cast::<u8>(), bytes, 2) }?;
+    let work = |maker: &mut Maker| {
+        let mut text = Text { room, len: 0 };
+        for (k, clause) in clauses.iter().filter_map(|clause| clause.understood()).enumerate() {
+            let separator = if k > 0 { ", then " } else { "" };
+            // Too little room is no error: what is there can be read.
+            let _ = write!(text, "{separator}{}", maker.generator.model().in_words(clause));
+        }
+        let end = text.len;
+        if let Some(zero) = text.room.get_mut(end) {
+            *zero = 0;
+        }
+        Ok(())
+    };
+    // SAFETY: aligned; the caller promises storage and one thread at a time.
+    unsafe { Slot::with(slot, 0, work) }
+}
+
 impl mtn_motion {
-    fn new(motion: &Motion<'_>) -> Self {
+    fn new(motion: &Motion<'_>, spans: &[mtn_heard]) -> Self {
         let report = motion.refinement;
         let before = report.and_then(|report| report.before);
         let after = report.and_then(|report| report.after);
@@ -418,6 +469,8 @@ impl mtn_motion {
             clearance_before: followed.and_then(|followed| followed.clearance_before).into(),
             clearance: followed.and_then(|followed| followed.clearance).into(),
             hurried_positions: followed.map_or(0, |followed| followed.hurried),
+            spans: if spans.is_empty() { core::ptr::null() } else { spans.as_ptr() },
+            span_count: spans.len(),
         }
     }
 }

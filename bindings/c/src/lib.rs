@@ -7,6 +7,7 @@
 //! - [`model`]: opening a blob, planning an arena.
 //! - [`request`]: what is to be made, as C says it.
 //! - [`conditions`]: tracks and obstacles of a request, as C says them.
+//! - [`timeline`]: its prompts for parts of the body.
 //! - [`generator`]: making it, watching it.
 //! - `pointer`: what can be checked of a pointer, and storage that knows whether it was opened.
 //!
@@ -26,6 +27,7 @@ pub mod model;
 pub mod request;
 
 pub mod conditions;
+pub mod timeline;
 
 pub mod generator;
 

@@ -4,12 +4,13 @@ use core::ffi::c_void;
 
 use motionette::PromptError;
 use motionette::refining::Config;
-use motionette::{Error, Limits, MAX_STEPS, Model, Plan, PlanningError, PlanningLimits};
+use motionette::{BodyParts, Error, Limits, MAX_STEPS, Model, Plan, PlanningError, PlanningLimits, TimelineLimits};
 use motionette::{JOINTS, MAX_ANCHORS};
 
 use crate::error::{mtn_error, mtn_result, report};
 use crate::pointer::{Slot, clamped, place, slice};
 use crate::request::{mtn_request, refinement};
+use crate::timeline::MTN_MAX_SPANS;
 
 /// Words of `mtn_model`'s storage.
 pub const MTN_MODEL_WORDS: usize = 640;
@@ -62,6 +63,9 @@ pub struct mtn_limits {
     /// with obstacles up to six more, which lead the figure out. `MTN_JOINTS` is enough for every request. 0: neither tracks nor
     /// obstacles. With them `exact` must be set.
     pub tracked: usize,
+    /// Spans of a timeline, at most `MTN_MAX_SPANS`, each as long as the motion and with a prompt of so many `words`, which must not be 0:
+    /// of the larger of prompt and spans where they differ, of the spans where the tokens are given.
+    pub spans: usize,
 }
 
 /// Memory and work of the largest request inside some limits.
@@ -205,10 +209,35 @@ impl mtn_limits {
             let (guided, anchors) = (self.guidance != 1.0, self.anchors > 0 || self.tracked > 0);
             planning = Some(PlanningLimits { words, steps, guided, anchors, clauses: 1 });
         }
+        let timeline = self.timeline(model, tokens, planning.as_ref())?;
         let refinement = refinement(self.evaluations, self.exact, self.free_feet);
         let anchors = if refinement.is_some() { self.anchors } else { 0 };
         let rows = if self.rows == 0 { MTN_ROWS } else { self.rows };
         let (tracked, refinement) = (self.tracked, refinement.unwrap_or(Config::fast(0)));
-        Ok(Limits { tokens, anchors, tracked, refinement, planning, rows })
+        Ok(Limits { tokens, anchors, tracked, timeline, refinement, planning, rows })
+    }
+
+    /// Spans that are as long as a motion of so many tokens, and planned as it is.
+    fn timeline(
+        &self,
+        model: &Model<'_>,
+        tokens: usize,
+        planning: Option<&PlanningLimits>,
+    ) -> Result<Option<TimelineLimits>, mtn_result> {
+        let found = clamped(self.spans);
+        match planning {
+            _ if self.spans == 0 => Ok(None),
+            _ if self.spans > MTN_MAX_SPANS => {
+                Err(mtn_result { found, limit: clamped(MTN_MAX_SPANS), ..mtn_error::TooManySpans.into() })
+            }
+            None => Err(mtn_result { found, ..mtn_error::SpanWords.into() }),
+            Some(&PlanningLimits { words, steps, guided, .. }) => {
+                // Parts of two spans may not be the same at the same time.
+                let whole = BodyParts::UPPER_BODY.and(BodyParts::LEGS).directions();
+                let directions = clamped(tokens * model.frames_per_token() * whole);
+                let (tokens, words, spans) = (tokens as u16, words as u16, self.spans as u8);
+                Ok(Some(TimelineLimits { directions, tokens, words, steps, spans, guided }))
+            }
+        }
     }
 }

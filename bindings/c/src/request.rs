@@ -1,6 +1,6 @@
 //! What is to be made, as C says it.
 
-use core::ffi::{c_char, c_void};
+use core::ffi::c_char;
 
 use motionette::MAX_PROMPT;
 use motionette::refining::Config;
@@ -9,6 +9,7 @@ use motionette::{Anchor, AnchorList, Bones, JOINTS, Prompt, Request, Source};
 use crate::conditions::{mtn_obstacle, mtn_track};
 use crate::error::{mtn_error, mtn_result};
 use crate::pointer::{clamped, place, slice};
+use crate::timeline::mtn_span;
 
 /// Joints of the body skeleton.
 pub const MTN_JOINTS: usize = 22;
@@ -92,10 +93,15 @@ pub struct mtn_request {
     pub obstacles: *const mtn_obstacle,
     /// Obstacles, at most `MTN_MAX_OBSTACLES`.
     pub obstacle_count: usize,
+    /// What parts of the body do instead, over spans of the motion, each with a prompt of its own; may be null when there are none. They are
+    /// planned with `steps` and `guidance`; anchors, tracks and obstacles are met by what comes of all of it.
+    pub timeline: *const mtn_span,
+    /// Spans, at most `MTN_MAX_SPANS`.
+    pub span_count: usize,
 }
 
 /// A request for nothing yet: five steps, guidance 2, exact anchors, planted feet, the model's own body, seed 0, the length that the text
-/// suggests, neither tracks nor obstacles.
+/// suggests, neither tracks nor obstacles nor a timeline.
 #[unsafe(no_mangle)]
 pub extern "C" fn mtn_request_default() -> mtn_request {
     let planning = motionette::Planning::DEFAULT;
@@ -121,6 +127,8 @@ pub extern "C" fn mtn_request_default() -> mtn_request {
         track_count: 0,
         obstacles: core::ptr::null(),
         obstacle_count: 0,
+        timeline: core::ptr::null(),
+        span_count: 0,
     }
 }
 
@@ -162,29 +170,53 @@ impl Anchors {
     }
 }
 
+/// A prompt as C says it: one of three pointers that is set.
+pub(crate) struct Prompts {
+    pub(crate) text: *const c_char,
+    pub(crate) stored: *const c_char,
+    pub(crate) vector: *const f32,
+    pub(crate) vector_count: usize,
+}
+
+impl Prompts {
+    /// How many are set.
+    pub(crate) fn count(&self) -> u32 {
+        [self.text.is_null(), self.stored.is_null(), self.vector.is_null()].map(|null| u32::from(!null)).iter().sum()
+    }
+
+    /// The prompt, of which one is set.
+    ///
+    /// # Safety
+    /// What it points to MUST be readable and unchanged for `'r`.
+    pub(crate) unsafe fn prompt<'r>(&self) -> Result<Prompt<'r>, mtn_result> {
+        Ok(if !self.text.is_null() {
+            // SAFETY: the caller vouches for the text.
+            Prompt::Text(unsafe { text(self.text) }?)
+        } else if !self.stored.is_null() {
+            // SAFETY: the caller vouches for the name.
+            Prompt::Bank(unsafe { text(self.stored) }?)
+        } else {
+            // SAFETY: the caller vouches for the vector.
+            Prompt::Vector(unsafe { slice(self.vector, self.vector_count, 1) }?)
+        })
+    }
+}
+
 impl mtn_request {
-    /// The runtime's request, without tracks and obstacles.
+    /// The runtime's request, without tracks, obstacles and timeline.
     ///
     /// # Safety
     /// What the request points to MUST be readable and unchanged for `'r`.
     pub(crate) unsafe fn resolved<'r>(&self, anchors: &'r Anchors) -> Result<Request<'r>, mtn_result> {
-        let pointers = [self.text.cast(), self.stored.cast(), self.vector.cast(), self.tokens.cast::<c_void>()];
-        let sources = pointers.map(|pointer: *const c_void| !pointer.is_null());
-        let source = match sources {
-            // SAFETY: the caller vouches for the text.
-            [true, false, false, false] => Source::Text(Prompt::Text(unsafe { text(self.text) }?)),
-            // SAFETY: the caller vouches for the name.
-            [false, true, false, false] => Source::Text(Prompt::Bank(unsafe { text(self.stored) }?)),
-            [false, false, true, false] => {
-                // SAFETY: the caller vouches for the vector.
-                let vector = unsafe { slice(self.vector, self.vector_count, 1) }?;
-                Source::Text(Prompt::Vector(vector))
-            }
+        let mtn_request { text, stored, vector, vector_count, .. } = *self;
+        let prompts = Prompts { text, stored, vector, vector_count };
+        let source = match (prompts.count(), u32::from(!self.tokens.is_null())) {
+            // SAFETY: the caller vouches for what it points to.
+            (1, 0) => Source::Text(unsafe { prompts.prompt() }?),
             // SAFETY: the caller vouches for the tokens.
-            [false, false, false, true] => Source::Tokens(unsafe { slice(self.tokens, self.token_count, 1) }?),
-            _ => {
-                let found = sources.iter().map(|&given| u32::from(given)).sum();
-                return Err(mtn_result { found, limit: 1, ..mtn_error::Source.into() });
+            (0, 1) => Source::Tokens(unsafe { slice(self.tokens, self.token_count, 1) }?),
+            (prompts, tokens) => {
+                return Err(mtn_result { found: prompts + tokens, limit: 1, ..mtn_error::Source.into() });
             }
         };
         let mut request = Request { source, ..Request::tokens(&[]) }.steps(self.steps).guidance(self.guidance);

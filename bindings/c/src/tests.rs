@@ -1,13 +1,15 @@
 //! What C may get wrong, and what it then is told.
 
 mod conditions;
+mod timeline;
 
 use core::ffi::{CStr, c_void};
 use core::{mem, ptr};
 use std::{boxed::Box, fs, string::String, string::ToString as _, sync::LazyLock, vec, vec::Vec};
 
 use motionette::{
-    Course, Generator, JOINTS, Joint, Keyframe, Length, Model, Obstacle, Request, Shape, Track, blob::Aligned,
+    BodyParts, Course, Generator, JOINTS, Joint, Keyframe, Length, Model, Obstacle, Prompt, Request, Shape, Span,
+    Track, blob::Aligned,
 };
 
 use conditions::{Tracks, pillar};
@@ -22,11 +24,16 @@ use crate::generator::{
     MTN_FLOW_ABORT, MTN_FLOW_CONTINUE, MTN_FLOW_FINISH, MTN_NO_OBSTACLE, MTN_NO_PHRASE, mtn_clearance, mtn_flow,
     mtn_generate, mtn_generator, mtn_generator_open, mtn_generator_set_rows, mtn_guess, mtn_motion, mtn_motion_hash,
     mtn_motion_understood, mtn_progress, mtn_self_test, mtn_stage, mtn_tracking, mtn_understood,
+    mtn_understood_in_words,
 };
 use crate::model::{mtn_limits, mtn_model, mtn_model_open, mtn_model_plan, mtn_plan};
 use crate::request::{
     MTN_FAMILY_JOINT, MTN_FAMILY_PLANAR, MTN_FAMILY_ROOT3D, MTN_MAX_ANCHORS, mtn_anchor, mtn_request,
     mtn_request_default,
+};
+use crate::timeline::{
+    MTN_MAX_SPANS, MTN_PART_ARMS, MTN_PART_HEAD, MTN_PART_LEFT_ARM, MTN_PART_LEFT_LEG, MTN_PART_LEGS,
+    MTN_PART_RIGHT_ARM, MTN_PART_RIGHT_LEG, MTN_PART_UPPER_BODY, mtn_heard, mtn_span,
 };
 
 /// Blocks that begin on the boundary that blobs need.
@@ -270,6 +277,15 @@ fn numbers_of_errors_stay_what_they_were() {
         (E::ObstacleJoints, 129),
         (E::AnchorInside, 130),
         (E::TrackInside, 131),
+        (E::TooManySpans, 140),
+        (E::SpanParts, 141),
+        (E::SpanNothing, 142),
+        (E::SpanFrames, 143),
+        (E::SpanEnd, 144),
+        (E::SpanOverlap, 145),
+        (E::SpanSource, 146),
+        (E::SpanPrompt, 147),
+        (E::SpanWords, 148),
     ];
     for (error, number) in numbers {
         assert_eq!(error as i32, number, "{error:?}");
@@ -291,6 +307,7 @@ fn storage_must_be_opened_and_not_copied() {
         guidance: 2.0,
         rows: 0,
         tracked: 0,
+        spans: 0,
     };
     let mut plan: Box<mtn_plan> = zeroed();
     // SAFETY: everything is valid, `copy` holds the bits of an opened model.
@@ -328,6 +345,7 @@ fn the_plan_is_what_a_request_takes() {
         guidance: 0.0,
         rows: 0,
         tracked: 0,
+        spans: 0,
     };
     let plan = plan_of(limits).unwrap();
     assert_eq!(plan.planning_macs, 0);

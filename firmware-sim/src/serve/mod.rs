@@ -38,7 +38,7 @@ use hosts::Hosts;
 const SILENCE: u32 = 5_000;
 /// Bytes of the arena: 49 tokens, text with guidance, 32 anchors, or 8 of them with as much at a time as a Pico 2.
 const ARENA: usize = 348 * 1024;
-/// Words of memory for tracks, obstacles and vectors of prompts: all joints over the longest motion.
+/// Words of memory for tracks, obstacles, timelines and vectors of prompts: all joints over the longest motion.
 const AREA: usize = 16 * 1024;
 
 /// Serve the device link of a simulated robot over TCP; `motionette device --port tcp:127.0.0.1:PORT` talks to it.

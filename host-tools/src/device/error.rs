@@ -91,7 +91,7 @@ pub enum Error {
         /// How many there are.
         anchors: usize,
     },
-    /// Tracks, obstacles or the vector of the prompt do not fit a request.
+    /// Tracks, obstacles, the timeline or the vector of the prompt do not fit a request.
     #[error("{0}")]
     Unfit(Unfit),
 }

@@ -1,4 +1,4 @@
-//! Conditions of a request that do not fit its message: tracks, obstacles, and the vector of a prompt.
+//! Conditions of a request that do not fit its message: tracks, obstacles, a timeline, and the vector of a prompt.
 //!
 //! They come in pieces into memory that the firmware sets aside, words of 32 bits, and are used where they lie: numbers stand on the wire
 //! as they stand in memory, so that a device computes with the same bits as a desktop. `PROTOCOL.md` specifies their format.
@@ -21,8 +21,8 @@ pub const KEYFRAMES: usize = 64;
 pub const LEAST_BYTES: usize = 4 * HEADER;
 
 /// Version of the format.
-const FORMAT: u8 = 1;
-/// Words in front of all others: length; format, tracks, obstacles, 0; numbers of the vector.
+const FORMAT: u8 = 2;
+/// Words in front of all others: length; format, tracks, obstacles, spans; numbers of the vector.
 const HEADER: usize = 3;
 /// Words in front of a track's positions: joint, flags, first frame; positions; tolerance.
 const TRACK: usize = 3;
@@ -30,11 +30,13 @@ const TRACK: usize = 3;
 const OBSTACLE: usize = 3;
 /// Words of a keyframe: frame; position.
 const KEYFRAME: usize = 4;
+/// Words in front of a span's prompt: parts, kind of the prompt, its bytes or numbers; first frame, frames.
+const SPAN: usize = 2;
 
 /// Flag of a track that has a mask; the three below it are its axes.
 const MASKED: u8 = 1 << 3;
 
-// Numbers of shapes, and of courses.
+// Numbers of shapes, of courses, and of kinds of prompts.
 const SPHERE: u8 = 0;
 const CAPSULE: u8 = 1;
 const CYLINDER: u8 = 2;
@@ -43,3 +45,6 @@ const PLANE: u8 = 4;
 const STILL: u8 = 0;
 const MOVING: u8 = 1;
 const WITH_KEYFRAMES: u8 = 2;
+const TEXT: u8 = 0;
+const STORED: u8 = 1;
+const VECTOR: u8 = 2;

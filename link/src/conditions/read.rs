@@ -2,19 +2,23 @@
 
 use bytemuck::AnyBitPattern;
 use heapless::Vec;
-use motionette::{Course, Keyframe, MAX_OBSTACLES, MAX_TRACKS, Obstacle, Shape, Track};
+use motionette::{
+    BodyParts, Course, Keyframe, MAX_OBSTACLES, MAX_SPANS, MAX_TRACKS, Obstacle, Prompt, Shape, Span, Track,
+};
 
 use super::{
-    BOX, CAPSULE, CYLINDER, FORMAT, HEADER, KEYFRAME, KEYFRAMES, MASKED, MOVING, PLANE, SPHERE, STILL, WITH_KEYFRAMES,
+    BOX, CAPSULE, CYLINDER, FORMAT, HEADER, KEYFRAME, KEYFRAMES, MASKED, MOVING, PLANE, SPHERE, STILL, STORED, TEXT,
+    VECTOR, WITH_KEYFRAMES,
 };
-use crate::message::ConditionsFault;
+use crate::message::{ConditionsFault, TEXT_BYTES};
 
 /// Conditions that lie whole in memory. Their form has been checked, what they ask for has not: the runtime checks that of a request.
 #[derive(Debug, Clone, Copy)]
 pub struct Conditions<'c> {
     tracks: Words<'c>,
     obstacles: Words<'c>,
-    counts: [usize; 2],
+    timeline: Words<'c>,
+    counts: [usize; 3],
     vector: &'c [f32],
     bytes: usize,
 }
@@ -29,9 +33,10 @@ impl<'c> Conditions<'c> {
         let whole = bytes.is_multiple_of(4).then(|| area.get(..bytes / 4)).flatten();
         let mut words = Words { all: whole.ok_or(ConditionsFault::Format { at: 0 })?, at: 0 };
         let [_, kinds, numbers] = words.array()?;
-        let [format, tracks, obstacles, spare] = kinds.to_le_bytes();
-        let counts = [usize::from(tracks), usize::from(obstacles)];
-        if format != FORMAT || spare != 0 || counts[0] > MAX_TRACKS || counts[1] > MAX_OBSTACLES || numbers >> 16 != 0 {
+        let [format, counts @ ..] = kinds.to_le_bytes();
+        let counts = counts.map(usize::from);
+        let few = counts.iter().zip([MAX_TRACKS, MAX_OBSTACLES, MAX_SPANS]).all(|(count, most)| *count <= most);
+        if format != FORMAT || !few || numbers >> 16 != 0 {
             return Err(fault(1));
         }
         let vector = cast(words.take(numbers as usize)?);
@@ -48,10 +53,14 @@ impl<'c> Conditions<'c> {
                 return Err(fault(at));
             }
         }
+        let timeline = words;
+        for _ in 0..counts[2] {
+            words.span()?;
+        }
         if words.at != words.all.len() {
             return Err(fault(words.at));
         }
-        Ok(Conditions { tracks, obstacles, counts, vector, bytes })
+        Ok(Conditions { tracks, obstacles, timeline, counts, vector, bytes })
     }
 
     /// Their bytes.
@@ -106,6 +115,17 @@ impl<'c> Conditions<'c> {
             let _ = obstacles.push(Obstacle { shape, course, margin, joints });
         }
         obstacles
+    }
+
+    /// The spans of the timeline, whose prompts stay where they lie.
+    #[must_use]
+    pub fn timeline(&self) -> Vec<Span<'c>, MAX_SPANS> {
+        let mut words = self.timeline;
+        let mut timeline = Vec::new();
+        for span in (0..self.counts[2]).map_while(|_| words.span().ok()) {
+            let _ = timeline.push(span);
+        }
+        timeline
     }
 
     fn bodies(&self) -> impl Iterator<Item = Body<'c>> + use<'c> {
@@ -170,6 +190,17 @@ impl<'c> Words<'c> {
         Ok(self.array()?.map(f32::from_bits))
     }
 
+    /// Bytes that are filled up to whole words.
+    fn bytes(&mut self, count: usize) -> Result<&'c [u8], ConditionsFault> {
+        let bytes: &[u8] = cast(self.take(count.div_ceil(4))?);
+        Ok(bytes.get(..count).unwrap_or_default())
+    }
+
+    fn text(&mut self, count: usize) -> Result<&'c str, ConditionsFault> {
+        let at = self.at;
+        core::str::from_utf8(self.bytes(count)?).map_err(|_| fault(at))
+    }
+
     fn track(&mut self) -> Result<Track<'c>, ConditionsFault> {
         let at = self.at;
         let [what, count, tolerance] = self.array()?;
@@ -179,12 +210,7 @@ impl<'c> Words<'c> {
         }
         let count = count as usize;
         let positions = cast(self.take(3 * count)?);
-        let mask = if flags & MASKED != 0 {
-            let bytes: &[u8] = cast(self.take(count.div_ceil(4))?);
-            Some(bytes.get(..count).unwrap_or_default())
-        } else {
-            None
-        };
+        let mask = if flags & MASKED != 0 { Some(self.bytes(count)?) } else { None };
         let axes = [1, 2, 4].map(|axis| flags & axis != 0);
         let tolerance = f32::from_bits(tolerance);
         Ok(Track { joint, first: u16::from_le_bytes(first), axes, mask, positions, tolerance })
@@ -225,6 +251,21 @@ impl<'c> Words<'c> {
             _ => return Err(fault(at)),
         };
         Ok(Body { shape, way, margin: f32::from_bits(margin), joints })
+    }
+
+    fn span(&mut self) -> Result<Span<'c>, ConditionsFault> {
+        let at = self.at;
+        let [what, when] = self.array()?;
+        let [parts, kind, count @ ..] = what.to_le_bytes();
+        let [first, frames] = [when as u16, (when >> 16) as u16];
+        let parts = BodyParts::from_bits(parts).ok_or(fault(at))?;
+        let prompt = match (kind, usize::from(u16::from_le_bytes(count))) {
+            (TEXT, count) if count <= TEXT_BYTES => Prompt::Text(self.text(count)?),
+            (STORED, count) if count <= TEXT_BYTES => Prompt::Bank(self.text(count)?),
+            (VECTOR, count) => Prompt::Vector(cast(self.take(count)?)),
+            _ => return Err(fault(at)),
+        };
+        Ok(Span { parts, first, frames, prompt })
     }
 }
 

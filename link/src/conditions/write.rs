@@ -2,12 +2,16 @@
 
 use core::fmt;
 
-use motionette::{Course, MAX_OBSTACLES, MAX_TRACKS, Obstacle, ObstacleError, Shape, Track, TrackError};
+use motionette::{
+    Course, MAX_OBSTACLES, MAX_SPANS, MAX_TRACKS, Obstacle, ObstacleError, Prompt, PromptError, Shape, Span,
+    TimelineError, Track, TrackError,
+};
 
 use super::{
-    BOX, CAPSULE, CYLINDER, FORMAT, HEADER, KEYFRAME, KEYFRAMES, MASKED, MOVING, OBSTACLE, PLANE, SPHERE, STILL, TRACK,
-    WITH_KEYFRAMES,
+    BOX, CAPSULE, CYLINDER, FORMAT, HEADER, KEYFRAME, KEYFRAMES, MASKED, MOVING, OBSTACLE, PLANE, SPAN, SPHERE, STILL,
+    STORED, TEXT, TRACK, VECTOR, WITH_KEYFRAMES,
 };
+use crate::message::TEXT_BYTES;
 
 /// Conditions that are to be sent: fields of [`motionette::Request`].
 #[derive(Debug, Clone, Copy, Default)]
@@ -16,6 +20,8 @@ pub struct Given<'g> {
     pub tracks: &'g [Track<'g>],
     /// What the figure keeps clear of.
     pub obstacles: &'g [Obstacle<'g>],
+    /// What parts of the body do instead, over spans of the motion.
+    pub timeline: &'g [Span<'g>],
     /// The prompt as a vector of the encoder that the model was trained with.
     pub vector: Option<&'g [f32]>,
 }
@@ -41,6 +47,17 @@ pub enum Unfit {
         /// Most there may be.
         limit: usize,
     },
+    /// Too many spans, or one whose prompt is too long.
+    Timeline(TimelineError),
+    /// The prompt of a span is a vector that is too long.
+    SpanVector {
+        /// Span at fault.
+        index: u8,
+        /// Numbers of its vector.
+        found: usize,
+        /// Most there may be.
+        limit: usize,
+    },
 }
 
 impl fmt::Display for Unfit {
@@ -54,6 +71,10 @@ impl fmt::Display for Unfit {
             Unfit::Vector { found, limit } => {
                 write!(f, "the prompt is a vector of {found} numbers, a request over the link takes 1 to {limit}")
             }
+            Unfit::Timeline(error) => error.fmt(f),
+            Unfit::SpanVector { index, found, limit } => {
+                write!(f, "span {index}: the prompt is a vector of {found} numbers, the link takes up to {limit}")
+            }
         }
     }
 }
@@ -63,6 +84,7 @@ impl core::error::Error for Unfit {
         match self {
             Unfit::Track(error) => Some(error),
             Unfit::Obstacle(error) => Some(error),
+            Unfit::Timeline(error) => Some(error),
             _ => None,
         }
     }
@@ -75,7 +97,7 @@ impl Given<'_> {
     /// Whether there is nothing to send.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
-        self.tracks.is_empty() && self.obstacles.is_empty() && self.vector.is_none()
+        self.tracks.is_empty() && self.obstacles.is_empty() && self.timeline.is_empty() && self.vector.is_none()
     }
 
     /// Whether they can be sent.
@@ -107,6 +129,7 @@ impl Given<'_> {
         if found > KEYFRAMES {
             return Err(Unfit::Keyframes { found, limit: KEYFRAMES });
         }
+        check_timeline(self.timeline)?;
         match self.vector.map(<[f32]>::len) {
             Some(found @ 0) => Err(Unfit::Vector { found, limit: MOST }),
             Some(found) if found > MOST => Err(Unfit::Vector { found, limit: MOST }),
@@ -138,8 +161,13 @@ impl Given<'_> {
         };
         let tracks: usize = self.tracks.iter().map(track).sum();
         let obstacles: usize = self.obstacles.iter().map(obstacle).sum();
-        let words = HEADER + self.vector.map_or(0, <[f32]>::len) + tracks + obstacles;
-        // No more than 24 tracks of 64 Ki positions.
+        let span = |span: &Span<'_>| match span.prompt {
+            Prompt::Text(text) | Prompt::Bank(text) => SPAN + text.len().div_ceil(4),
+            Prompt::Vector(vector) => SPAN + vector.len(),
+        };
+        let spans: usize = self.timeline.iter().map(span).sum();
+        let words = HEADER + self.vector.map_or(0, <[f32]>::len) + tracks + obstacles + spans;
+        // No more than 24 tracks of 64 Ki positions, and nine vectors as long.
         Ok(4 * words as u32)
     }
 
@@ -150,7 +178,7 @@ impl Given<'_> {
     pub fn write(&self, out: &mut impl Extend<u8>) -> Result<(), Unfit> {
         let mut out = Out(out);
         out.word(self.bytes()?);
-        out.bytes([FORMAT, self.tracks.len() as u8, self.obstacles.len() as u8, 0]);
+        out.bytes([FORMAT, self.tracks.len() as u8, self.obstacles.len() as u8, self.timeline.len() as u8]);
         let vector = self.vector.unwrap_or_default();
         out.word(vector.len() as u32);
         out.numbers(vector);
@@ -164,17 +192,36 @@ impl Given<'_> {
             for position in track.positions {
                 out.numbers(position);
             }
-            for four in track.mask.unwrap_or_default().chunks(4) {
-                let mut bytes = [0; 4];
-                bytes.iter_mut().zip(four).for_each(|(to, byte)| *to = *byte);
-                out.bytes(bytes);
-            }
+            out.filled(track.mask.unwrap_or_default());
         }
         for obstacle in self.obstacles {
             out.obstacle(obstacle);
         }
+        for span in self.timeline {
+            out.span(span);
+        }
         Ok(())
     }
+}
+
+/// Whether spans can be sent.
+fn check_timeline(spans: &[Span<'_>]) -> Result<(), Unfit> {
+    if spans.len() > MAX_SPANS {
+        return Err(Unfit::Timeline(TimelineError::TooMany { spans: spans.len(), limit: MAX_SPANS }));
+    }
+    for (index, span) in (0u8..).zip(spans) {
+        match span.prompt {
+            Prompt::Text(text) | Prompt::Bank(text) if text.len() > TEXT_BYTES => {
+                let error = PromptError::TooLong { found: text.len(), limit: TEXT_BYTES };
+                return Err(Unfit::Timeline(TimelineError::Prompt { index, error }));
+            }
+            Prompt::Vector(vector) if vector.len() > MOST => {
+                return Err(Unfit::SpanVector { index, found: vector.len(), limit: MOST });
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Keyframes of an obstacle.
@@ -191,6 +238,15 @@ struct Out<'o, E>(&'o mut E);
 impl<E: Extend<u8>> Out<'_, E> {
     fn bytes(&mut self, bytes: [u8; 4]) {
         self.0.extend(bytes);
+    }
+
+    /// Bytes, filled up to whole words.
+    fn filled(&mut self, bytes: &[u8]) {
+        for four in bytes.chunks(4) {
+            let mut word = [0; 4];
+            word.iter_mut().zip(four).for_each(|(to, byte)| *to = *byte);
+            self.bytes(word);
+        }
     }
 
     fn word(&mut self, word: u32) {
@@ -241,5 +297,18 @@ impl<E: Extend<u8>> Out<'_, E> {
                 }
             }
         }
+    }
+    fn span(&mut self, span: &Span<'_>) {
+        let (kind, text, vector) = match span.prompt {
+            Prompt::Text(text) => (TEXT, text, &[][..]),
+            Prompt::Bank(name) => (STORED, name, &[][..]),
+            Prompt::Vector(vector) => (VECTOR, "", vector),
+        };
+        // One of the two is empty, and neither is too long.
+        let [low, high] = ((text.len() + vector.len()) as u16).to_le_bytes();
+        self.bytes([span.parts.bits(), kind, low, high]);
+        self.word(u32::from(span.first) | u32::from(span.frames) << 16);
+        self.filled(text.as_bytes());
+        self.numbers(vector);
     }
 }

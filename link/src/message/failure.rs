@@ -2,11 +2,10 @@
 
 use core::fmt;
 
-use super::{Feature, ObstacleFault, TrackFault};
+use super::{Feature, ObstacleFault, PromptFault, TimelineFault, TrackFault};
 use motionette::AnchorError;
 use motionette::Error;
 use motionette::PlanningError;
-use motionette::PromptError;
 use serde::{Deserialize, Serialize};
 
 /// [`motionette::Error`] on the wire: why a job gave no motion.
@@ -30,20 +29,8 @@ pub enum Failure {
     },
     /// The model cannot read text, or cannot plan.
     NoPlanner,
-    /// The prompt has no words.
-    EmptyPrompt,
-    /// The prompt is too long, in bytes or in words.
-    LongPrompt {
-        /// Bytes or words.
-        found: u32,
-        /// Most of them.
-        limit: u32,
-    },
-    /// The model knows none of the words.
-    UnknownWords {
-        /// How many there are.
-        words: u32,
-    },
+    /// The prompt was refused.
+    Prompt(PromptFault),
     /// Planner steps out of range.
     Steps {
         /// Steps asked for.
@@ -106,27 +93,8 @@ pub enum Failure {
     Tracks(TrackFault),
     /// An obstacle was refused.
     Obstacles(ObstacleFault),
-    /// The model reads no words: it takes prompts as vectors.
-    Vectors {
-        /// Numbers of a vector.
-        width: u32,
-    },
-    /// The model takes prompts in words, not as vectors.
-    NoVectors,
-    /// The vector of the prompt is of another encoder.
-    VectorWidth {
-        /// Its numbers.
-        found: u32,
-        /// Numbers of one that the model takes.
-        width: u32,
-    },
-    /// A number of the prompt's vector is not finite, or beyond what any encoder gives.
-    VectorValue {
-        /// Its place, from 0.
-        index: u32,
-    },
-    /// All numbers of the prompt's vector are zero.
-    ZeroVector,
+    /// A span of the timeline was refused.
+    Timeline(TimelineFault),
 }
 
 pub(super) fn number(value: usize) -> u32 {
@@ -139,35 +107,15 @@ impl From<Error> for Failure {
             Error::Arena(e) => Failure::Memory { needed: number(e.needed), available: number(e.available) },
             Error::FloatingPoint => Failure::FloatingPoint,
             Error::Tokens { found, limit } => Failure::Tokens { found: number(found), limit: number(limit) },
-            Error::Prompt(e) => e.into(),
+            Error::Prompt(e) => Failure::Prompt(e.into()),
             Error::Planning(e) => e.into(),
             Error::Anchors(e) => e.into(),
             Error::Tracks(e) => Failure::Tracks(e.into()),
             Error::Obstacles(e) => Failure::Obstacles(e.into()),
+            Error::Timeline(e) => Failure::Timeline(e.into()),
             Error::Solver(_) => Failure::Solver,
             Error::NotLinked { feature } => Failure::NotLinked { feature: Feature::new(feature) },
             Error::Aborted => Failure::Aborted,
-            _ => Failure::Unknown,
-        }
-    }
-}
-
-impl From<PromptError> for Failure {
-    fn from(error: PromptError) -> Self {
-        match error {
-            PromptError::NoEncoder { .. } => Failure::NoPlanner,
-            PromptError::Empty => Failure::EmptyPrompt,
-            PromptError::TooLong { found, limit } | PromptError::TooManyWords { found, limit } => {
-                Failure::LongPrompt { found: number(found), limit: number(limit) }
-            }
-            PromptError::OnlyUnknownWords { words } => Failure::UnknownWords { words: number(words) },
-            PromptError::Vectors { width, .. } => Failure::Vectors { width: number(width) },
-            PromptError::NoVectors => Failure::NoVectors,
-            PromptError::VectorWidth { found, width } => {
-                Failure::VectorWidth { found: number(found), width: number(width) }
-            }
-            PromptError::VectorValue { index } => Failure::VectorValue { index: number(index) },
-            PromptError::ZeroVector => Failure::ZeroVector,
             _ => Failure::Unknown,
         }
     }
@@ -216,11 +164,7 @@ impl fmt::Display for Failure {
             Failure::FloatingPoint => write!(f, "the device's floating point is not in its default state"),
             Failure::Tokens { found, limit } => write!(f, "the motion has {found} tokens, allowed are 1 to {limit}"),
             Failure::NoPlanner => write!(f, "the device's model cannot make motion from text"),
-            Failure::EmptyPrompt => write!(f, "the prompt has no words"),
-            Failure::LongPrompt { found, limit } => {
-                write!(f, "the prompt has {found} words or bytes, at most {limit} are read")
-            }
-            Failure::UnknownWords { words } => write!(f, "the model knows none of the prompt's {words} words"),
+            Failure::Prompt(fault) => fault.fmt(f),
             Failure::Steps { found, limit } => write!(f, "{found} planner steps, allowed are 1 to {limit}"),
             // Numbers in floating point cost kilobytes of flash to print; this text is on the host's side as well.
             Failure::Guidance { .. } => write!(f, "guidance must be a number from 0 to 100"),
@@ -245,17 +189,7 @@ impl fmt::Display for Failure {
             }
             Failure::Tracks(fault) => fault.fmt(f),
             Failure::Obstacles(fault) => fault.fmt(f),
-            Failure::Vectors { width } => {
-                write!(f, "the device's model reads no words, it takes prompts as vectors of {width} numbers")
-            }
-            Failure::NoVectors => write!(f, "the device's model takes prompts in words, not as vectors"),
-            Failure::VectorWidth { found, width } => {
-                write!(f, "the prompt is a vector of {found} numbers, the device's model takes {width}")
-            }
-            Failure::VectorValue { index } => {
-                write!(f, "number {index} of the prompt's vector is not finite, or beyond 10000")
-            }
-            Failure::ZeroVector => write!(f, "the prompt's vector is all zeros"),
+            Failure::Timeline(fault) => fault.fmt(f),
             Failure::Unknown => write!(f, "the runtime failed for a reason this protocol has no word for"),
         }
     }

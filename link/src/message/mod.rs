@@ -6,13 +6,16 @@
 mod anchor;
 mod command;
 mod failure;
+mod fault;
 mod feature;
 mod made;
 mod obstacle_fault;
+mod prompt_fault;
 mod refinement;
 mod refusal;
 mod reply;
 mod start;
+mod timeline_fault;
 mod track_fault;
 
 pub use anchor::{Anchor, Target};
@@ -21,6 +24,7 @@ pub use failure::Failure;
 pub use feature::Feature;
 pub use made::{Clearance, Measure, Phrase, Strain, Tracking, Understood};
 pub use obstacle_fault::ObstacleFault;
+pub use prompt_fault::PromptFault;
 pub use refinement::Refinement;
 pub use refusal::{BlobFault, ConditionsFault, FlashFault, Refusal, UpdateFault};
 pub use reply::{
@@ -28,6 +32,7 @@ pub use reply::{
     Status, Transfer, Work,
 };
 pub use start::{Start, StartFault};
+pub use timeline_fault::TimelineFault;
 pub use track_fault::TrackFault;
 
 use serde::{Deserialize, Serialize};
@@ -35,10 +40,10 @@ use serde::{Deserialize, Serialize};
 use crate::frame::{CRC_BYTES, frame_bytes};
 
 /// Version of the protocol, below 128. Readers refuse other versions and name their own.
-pub const PROTOCOL: u8 = 3;
+pub const PROTOCOL: u8 = 4;
 /// Set in the version of what a device sends, so that an echo on the line is no request.
 pub const FROM_DEVICE: u8 = 0x80;
-/// Longest prompt, bytes of UTF-8.
+/// Longest prompt, of a request or of a span, bytes of UTF-8.
 pub const TEXT_BYTES: usize = 192;
 /// Most anchors of a request.
 pub const ANCHORS: usize = motionette::MAX_ANCHORS;

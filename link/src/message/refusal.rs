@@ -301,7 +301,10 @@ impl fmt::Display for ConditionsFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             ConditionsFault::NoArea => {
-                write!(f, "the device's firmware sets no memory aside for tracks, obstacles and vectors of prompts")
+                write!(
+                    f,
+                    "the device's firmware sets no memory aside for tracks, obstacles, timelines and vectors of prompts"
+                )
             }
             ConditionsFault::Length { length, limit } => {
                 write!(f, "conditions of {length} bytes, the device takes up to {limit}, a multiple of four")

@@ -145,6 +145,8 @@ pub struct DeviceLimits {
     pub blob_bytes: u32,
     /// Bytes of the conditions of a request, [`conditions`](crate::conditions); 0: it takes none.
     pub condition_bytes: u32,
+    /// Spans of a timeline; 0: the firmware was built without.
+    pub spans: u8,
     /// Silence of the host, milliseconds, after which `on_silence` is done; 0: never.
     pub silence_ms: u32,
     /// What is done then with a motion.

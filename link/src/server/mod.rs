@@ -19,6 +19,7 @@ pub use device::{Description, Device, Job, Sink};
 pub use port::Port;
 pub use silence::Silence;
 
+use motionette::LINKED_SPANS;
 use serde::Serialize;
 
 use crate::conditions::Staged;
@@ -300,6 +301,7 @@ impl Server {
                 chunk_bytes: CHUNK_BYTES as u16,
                 blob_bytes,
                 condition_bytes,
+                spans: LINKED_SPANS as u8,
                 silence_ms: after_ms,
                 on_silence: action,
             },

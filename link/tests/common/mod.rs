@@ -212,8 +212,8 @@ pub struct Robot {
     pub jobs: Vec<u32>,
     /// Memory for conditions, and whether there is any.
     pub area: Vec<u32>,
-    /// Tracks and obstacles of the job, and numbers of its prompt's vector.
-    pub given: [usize; 3],
+    /// Tracks, obstacles and spans of the job, and numbers of its prompt's vector.
+    pub given: [usize; 4],
 }
 
 /// Bytes of the robot's memory for conditions.
@@ -253,7 +253,7 @@ impl Default for Robot {
             model: true,
             jobs: Vec::new(),
             area: vec![0xA5A5_A5A5; CONDITION_BYTES / 4],
-            given: [0; 3],
+            given: [0; 4],
         }
     }
 }
@@ -272,7 +272,7 @@ pub fn ready(job: u32, anchored: bool) -> Event {
 }
 
 /// The same of a motion with tracks and obstacles.
-pub fn ready_under(job: u32, anchored: bool, [tracks, obstacles, _]: [usize; 3]) -> Event {
+pub fn ready_under(job: u32, anchored: bool, [tracks, obstacles, ..]: [usize; 4]) -> Event {
     let mut event = ready(job, anchored);
     if let Event::Ready { tracking, clearance, .. } = &mut event {
         *tracking = (tracks > 0).then_some(Tracking { mean: 0.125, worst: 0.5, track: 1, frame: 7, hurried: 3 });
@@ -353,12 +353,13 @@ impl Device for Robot {
             Job::Generate(request) => Some(request.clone()),
             Job::SelfTest => None,
         };
-        self.given = [0; 3];
+        self.given = [0; 4];
         if self.last.as_ref().is_some_and(|request| request.conditions) {
             let conditions = Conditions::open(&self.area).expect("whole conditions");
             let keyframes = conditions.keyframes();
             let (tracks, obstacles) = (conditions.tracks(), conditions.obstacles(&keyframes));
-            self.given = [tracks.len(), obstacles.len(), conditions.vector().map_or(0, <[f32]>::len)];
+            let (spans, numbers) = (conditions.timeline().len(), conditions.vector().map_or(0, <[f32]>::len));
+            self.given = [tracks.len(), obstacles.len(), spans, numbers];
         }
         self.play_when_ready = self.last.as_ref().is_some_and(|r| r.play_when_ready);
         self.condition.work = Some(Work { job, stage: JobStage::Waiting, step: 0, steps: 2 });

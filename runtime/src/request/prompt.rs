@@ -31,7 +31,6 @@ pub struct PromptStats {
 /// Why a prompt was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
 pub enum PromptError {
     /// The blob has no text encoder: only stored prompts can be asked for.
     NoEncoder {

@@ -6,6 +6,8 @@ use super::prompt::{Prompt, PromptError};
 
 /// Most spans of a request.
 pub const MAX_SPANS: usize = 8;
+/// Spans of a request of this build: none without cargo feature `timeline`.
+pub const LINKED_SPANS: usize = if cfg!(feature = "timeline") { MAX_SPANS } else { 0 };
 /// Frames of a span at least: two tokens, less is over before it is seen.
 pub const LEAST_SPAN: u16 = 8;
 
@@ -111,7 +113,7 @@ impl BodyParts {
 /// What it asks for is planned as a motion of its own that long, of which these parts are taken; at both ends, but not at those of the
 /// motion, half a second at most leads over. All else is bit by bit what it would be without the span, as far as nothing edits
 /// the motion behind it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span<'r> {
     /// What moves.
     pub parts: BodyParts,

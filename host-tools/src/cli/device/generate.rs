@@ -101,7 +101,7 @@ impl Cmd {
         let obstacles = obstacles.context("reading the scene")?.unwrap_or_default();
         let tracks: Vec<Track<'_>> = tracks.iter().map(OwnedTrack::borrowed).collect();
         let obstacles: Vec<Obstacle<'_>> = obstacles.iter().map(OwnedObstacle::borrowed).collect();
-        let given = Given { vector: vector.as_deref(), tracks: &tracks, obstacles: &obstacles };
+        let given = Given { vector: vector.as_deref(), tracks: &tracks, obstacles: &obstacles, timeline: &[] };
         let conditions = client.stage(hello, &given, &mut |_| {})?;
         let request = Generate { conditions, ..request };
         let interrupt = Interrupt::watch()?;

@@ -132,6 +132,7 @@ pub fn hello(hello: &Hello) -> Value {
             "chunk_bytes": limits.chunk_bytes,
             "blob_bytes": limits.blob_bytes,
             "condition_bytes": limits.condition_bytes,
+            "spans": limits.spans,
             "silence_ms": limits.silence_ms,
             "on_silence": loss(limits.on_silence),
         },
@@ -157,7 +158,10 @@ pub fn say_hello(hello: &Hello) {
     let (text, anchors, bytes) = (limits.text_bytes, limits.anchors, limits.blob_bytes);
     let conditions = match limits.condition_bytes {
         0 => "no tracks and obstacles".to_owned(),
-        bytes => format!("tracks and obstacles of {bytes} bytes"),
+        bytes => match limits.spans {
+            0 => format!("tracks and obstacles of {bytes} bytes"),
+            spans => format!("tracks, obstacles and a timeline of {spans} spans in {bytes} bytes"),
+        },
     };
     say(&format!("takes texts of {text} bytes, {anchors} anchors, {conditions}, blobs of {bytes} bytes"));
     say(&match limits.silence_ms {
