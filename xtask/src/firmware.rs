@@ -67,7 +67,7 @@ const FEATURE_SETS: [FeatureSet; 10] = [
     FeatureSet {
         name: "no playback, MoMask alone",
         features: "generate,motionette/residual,motionette/wide-layers,motionette/editing",
-        budget: 172 * 1024,
+        budget: 174 * 1024,
     },
     FeatureSet {
         name: "no playback, T2M-GPT alone",
