@@ -105,9 +105,7 @@ pub fn build(toolchain: Toolchain, core: &Core, image: &str, blob: Option<&Path>
 /// Builds the check image with the features of `set`, in a folder of its own so that another build may run beside it, and returns the copy.
 fn link(toolchain: Toolchain, set: &FeatureSet) -> Result<PathBuf> {
     let folder = Path::new("target").join(format!("{}-sets", toolchain.name()));
-    let mut cargo = image_cargo(toolchain, "build", &M4, "check", set.features);
-    // The last target folder that is named counts.
-    shell::run(cargo.arg("--target-dir").arg(&folder))?;
+    shell::run(&mut image_cargo_in(&folder, (toolchain, "build"), &M4, "check", set.features))?;
     keep(toolchain, &M4, (&package().join(folder), "check"), &set.name.replace([',', ' '], "-"))
 }
 
@@ -152,10 +150,22 @@ fn refuse_a_planted_panic(toolchain: Toolchain, core: &Core) -> Result<()> {
 
 /// `cargo SUBCOMMAND` for one image with these features beside the core's own, in release, into the toolchain's own folder.
 pub fn image_cargo(toolchain: Toolchain, subcommand: &str, core: &Core, image: &str, features: &str) -> Command {
+    let folder = Path::new("target").join(toolchain.name());
+    image_cargo_in(&folder, (toolchain, subcommand), core, image, features)
+}
+
+/// The same into a folder of the caller's choice.
+fn image_cargo_in(
+    folder: &Path,
+    (toolchain, subcommand): (Toolchain, &str),
+    core: &Core,
+    image: &str,
+    features: &str,
+) -> Command {
     let mut cargo = toolchain.cargo(subcommand, core.target);
     cargo.args(["--release", "--bin", image, "--features", features]);
     cargo.args(core.kernels.map(|kernels| ["--features", kernels]).into_iter().flatten());
-    cargo.arg("--target-dir").arg(Path::new("target").join(toolchain.name())).current_dir(package());
+    cargo.arg("--target-dir").arg(folder).current_dir(package());
     cargo
 }
 
