@@ -157,7 +157,9 @@ mod tests {
         let windows = windows(&clauses, &steps, 2);
         let places: Vec<_> = windows.iter().map(|w| (w.text, w.begin, w.context, w.steps.len())).collect();
         assert_eq!(places, [("walk", 0, 0, 2), ("wave", 2, 8, 2)]);
-        let rows = rows(&windows, 12, 21);
+        // A token behind the codes is masked, and so there is none.
+        assert_eq!(rows(&windows, 12, 21)[2][10..], [Some(20), None]);
+        let rows = rows(&windows, 12, 22);
         assert_eq!(rows.len(), 4);
         assert_eq!((rows[0][0], rows[1][9], rows[1][10]), (Some(7), Some(9), None));
         let whole: Vec<_> = first.iter().chain(&[20, 21]).map(|&token| Some(token)).collect();

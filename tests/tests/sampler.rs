@@ -36,6 +36,10 @@ impl TokenSampler for MostConfident {
         arena.take(codebooks.codes())
     }
 
+    fn time(&self, planning: &Planning<'_>, step: u16) -> f32 {
+        planning.schedule.time(step, planning.steps)
+    }
+
     fn macs(&self, _: &Codebooks<'_>) -> u64 {
         0
     }
