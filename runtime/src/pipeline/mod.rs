@@ -9,6 +9,8 @@ mod observer;
 pub mod plan;
 mod plan_tokens;
 mod sequence;
+#[cfg(feature = "timeline")]
+mod spans;
 pub(crate) mod stream;
 #[cfg(test)]
 mod tests;
@@ -56,7 +58,7 @@ pub struct Motion<'a> {
     then: Then,
     parted: bool,
     #[cfg(feature = "timeline")]
-    spans: timeline::Heard,
+    spans: spans::Heard,
     unconditioned: u16,
     frame_rate: u16,
     /// What the refinement onto anchors did; `None` without one.
@@ -322,7 +324,7 @@ impl<'a> Generator<'a> {
         #[cfg(feature = "timeline")]
         let directions = timeline::directions(&limits, &mut arena).map_err(too_small)?;
         #[cfg(feature = "timeline")]
-        let spans = timeline::read(model, (request, &limits), directions, (&mut arena, &mut peak), observer)?;
+        let spans = spans::read(model, (request, &limits), directions, (&mut arena, &mut peak), observer)?;
         let mut unconditioned = if linked(request.tracks).is_empty() { anchors.len() } else { limits.anchors } as u16;
         let heard = PromptStats::default();
         let mut made = Planned { tokens: limits.tokens, heard, then: Then::default(), parted: false };
@@ -412,7 +414,7 @@ impl<'a> Generator<'a> {
         let joints = decode(model, frames, (u, features, &mut path, &mut work), &mut watch)?;
         bones::pose(model, request.bones, joints);
         #[cfg(feature = "timeline")]
-        timeline::hold(request.timeline, directions, joints);
+        spans::hold(request.timeline, directions, joints);
         if scale != 1.0 {
             anchors.fill(request.anchors, model.frame_rate(), limits.tokens * model.frames_per_token())?;
         }
